@@ -1,0 +1,272 @@
+"""The command line: parse, call, show, save. Numerics and figures are imported inside the commands only."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from hbbogie.system import System
+
+FIGURES = (".png", ".pdf", ".svg")
+
+app = typer.Typer(
+    name="hbbogie",
+    help="Limit cycles of self-excited mechanical systems: find them, follow them, judge their stability.",
+    epilog="Begin with: hbbogie problems\n\nthen: hbbogie run yang1995 --output out",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Problem = Annotated[
+    str, typer.Argument(metavar="NAME", help="Name of a shipped problem, or path of a problem file (.py).")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Parameter value in its own unit; may be repeated."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document, and nothing else, on standard output.")]
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the files.")]
+MaybeOutput = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for files; none are written without.")
+]
+Harmonics = Annotated[int, typer.Option(min=1, help="Highest harmonic of the cycles.")]
+ParameterName = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Parameter to vary; by default the problem's own.")
+]
+
+
+def examples(*lines: str) -> str:
+    """Return the text below the help of a command."""
+    return "\n\n".join(["Examples:", *lines])
+
+
+def command(*lines: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a function a command with examples, whose errors are printed as sentences."""
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def run(*args: Any, **kwargs: Any) -> None:
+            from hbbogie.terminal import guarded
+
+            guarded(function, args, kwargs)
+
+        return app.command(epilog=examples(*lines))(run)
+
+    return register
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from hbbogie import __version__
+
+        print(f"hbbogie {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    # figures are written to files only: a display is not needed
+    os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def _load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
+    """Return the module of a problem and its system with parameter values replaced."""
+    from hbbogie.problem import load_problem, system_of
+    from hbbogie.terminal import numbers
+
+    values = numbers(overrides, "--set")
+    module = load_problem(name)
+    return module, system_of(module, **values)
+
+
+# --- commands ---------------------------------------------------------------------------------
+
+
+@command(
+    "hbbogie run yang1995 --output out",
+    "hbbogie run van_der_pol --set mu=2 --json",
+    "hbbogie run my_problem.py",
+)
+def run(name: Problem, output: Output = Path("out"), overrides: Overrides = None, as_json: AsJson = False) -> None:
+    """Do the whole job of a problem: cycles, branches, stability, tables and figures."""
+    from hbbogie import report
+    from hbbogie.terminal import deliver, progress_shown
+
+    module, system = _load(name, overrides)
+    report.check_directory(output)
+    with progress_shown() as progress:
+        found = report.study(module, system, progress)
+        files = found.write(output, progress)
+    deliver(found, files, as_json)
+
+
+@command(
+    "hbbogie branch yang1995",
+    "hbbogie branch yang1995 --range 80 120 --harmonics 31",
+    "hbbogie branch yang1995 --parameter K1 --range 1e6 6e6 --set V=100",
+)
+def branch(
+    name: Problem,
+    parameter: ParameterName = None,
+    interval: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--range", metavar="LO HI", help="Range of the parameter; by default the problem's own."),
+    ] = None,
+    harmonics: Harmonics = 15,
+    stability: Annotated[
+        bool, typer.Option("--stability/--no-stability", help="Judge every cycle by its Floquet multipliers.")
+    ] = True,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Follow the branches of cycles from all Hopf points over a range of a parameter."""
+    from hbbogie import curves, report
+    from hbbogie.guesses import check_interval
+    from hbbogie.terminal import deliver, progress_shown
+
+    module, system = _load(name, overrides)
+    parameter, own = curves.default_interval(module, system, parameter)
+    limits = check_interval(system, parameter, interval or own)
+    report.check_directory(output)
+    with progress_shown() as progress:
+        traced = curves.curves(system, parameter, limits, harmonics=harmonics, stability=stability, progress=progress)
+        found = report.report_of_curves(system, traced)
+        files = found.write(output, progress)
+    deliver(found, files, as_json)
+
+
+@command(
+    "hbbogie cycles yang1995 --set V=90",
+    "hbbogie cycles van_der_pol --set mu=5 --harmonics 51 --json",
+)
+def cycles(
+    name: Problem,
+    overrides: Overrides = None,
+    parameter: ParameterName = None,
+    harmonics: Harmonics = 15,
+    output: MaybeOutput = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find all cycles at the given parameter values, without a guess."""
+    from hbbogie import curves, report
+    from hbbogie.cycles import find_cycles
+    from hbbogie.terminal import deliver, progress_shown
+
+    module, system = _load(name, overrides)
+    parameter = curves.default_interval(module, system, parameter)[0]
+    if output is not None:
+        report.check_directory(output)
+    with progress_shown() as progress:
+        progress("looking for cycles", None)
+        found = report.report_of_cycles(
+            system, parameter, find_cycles(system, parameter=parameter, harmonics=harmonics)
+        )
+        files = [] if output is None else found.write(output, progress)
+    deliver(found, files, as_json)
+
+
+@command(
+    "hbbogie simulate yang1995 --set V=100 --start q1=0.03 --duration 20",
+    'hbbogie simulate van_der_pol --start x=0.1 --start "x\'=0.5" --method cvodes --step 0.01',
+)
+def simulate(
+    name: Problem,
+    start: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Initial value of a coordinate, or with a prime of its velocity."),
+    ] = None,
+    duration: Annotated[float, typer.Option(help="Duration in s.")] = 20.0,
+    method: Annotated[str, typer.Option(help="Integration method: rk4 or cvodes.")] = "rk4",
+    step: Annotated[float, typer.Option(help="Distance of the samples in s; of rk4 also the step.")] = 1e-3,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Integrate the motion from a start in time, and say what it settles on."""
+    from hbbogie import motion, report
+    from hbbogie.terminal import deliver, numbers, progress_shown
+
+    _, system = _load(name, overrides)
+    initial = numbers(start, "--start") or motion.default_start(system)
+    report.check_directory(output)
+    with progress_shown() as progress:
+        found = motion.simulated(system, initial, duration, method=method, step=step, progress=progress)
+        files = found.write(output, progress)
+    deliver(found, files, as_json)
+
+
+@command(
+    "hbbogie plot out/branch.nc",
+    'hbbogie plot out/branch.nc --coordinate q3 --quantity "first harmonic" --output q3.pdf',
+)
+def plot(
+    file: Annotated[Path, typer.Argument(metavar="FILE.nc", help="A branch or cycle saved by this program.")],
+    coordinate: Annotated[str | None, typer.Option(metavar="NAME", help="By default the first one.")] = None,
+    quantity: Annotated[str, typer.Option(help='"peak" or "first harmonic".')] = "peak",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Figure (.png, .pdf, .svg); FILE.png if left out."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Draw a saved branch, or the phase portrait of a saved cycle."""
+    from hbbogie import report
+    from hbbogie.errors import ModelError
+    from hbbogie.figures import load_saved, plot_branch
+    from hbbogie.terminal import deliver
+
+    saved = load_saved(file)
+    target = output or file.with_suffix(".png")
+    if target.suffix not in FIGURES:
+        raise ModelError(f"--output {str(target)!r}: give a file name that ends in {', '.join(FIGURES)}.")
+    report.check_directory(target.parent)
+    path = plot_branch(saved, target, coordinate, quantity)
+    what = f"{saved.orbits[0].system}: {len(saved)} cycle{'s' * (len(saved) != 1)} drawn"
+    deliver(report.Report(what, notes=(f"{what}.",)), [path], as_json)
+
+
+@command("hbbogie problems", "hbbogie problems --json")
+def problems(as_json: AsJson = False) -> None:
+    """List the problems that come with the package."""
+    from hbbogie.problem import load_problem, shipped_problems
+    from hbbogie.report import Report, Table
+    from hbbogie.terminal import deliver
+
+    names = shipped_problems()
+    firsts = [(load_problem(n).__doc__ or "").strip().partition("\n")[0] for n in names]
+    table = Table("problems", "Problems", ("name", "what it is"), tuple(zip(names, firsts, strict=True)), ("", ""))
+    deliver(Report("problems", (table,)), [], as_json)
+
+
+def main() -> None:
+    """Run the command line; wrong usage, too, is printed as a sentence and with --json as a JSON object."""
+    from hbbogie.terminal import INTERRUPTED, WRONG_INPUT, print_error
+
+    try:
+        code = app(prog_name="hbbogie", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        sys.exit(INTERRUPTED)
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # not one of wrong usage
+            raise
+        context = getattr(error, "ctx", None)
+        where = context.command_path if context is not None else "hbbogie"
+        print_error(f"{error.format_message().rstrip('.')}. See {where} --help.", "--json" in sys.argv, "UsageError")
+        sys.exit(WRONG_INPUT)
+    sys.exit(code or 0)

@@ -1,0 +1,227 @@
+"""All cycles at one parameter value, without a guess."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.continuation import trace
+from hbbogie.equations import Equations
+from hbbogie.errors import ConvergenceError, ModelError
+from hbbogie.guesses import Linearisation, hopf_points
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.results import Branch, Orbit
+from hbbogie.settling import last_orbit, settle
+from hbbogie.solvers import solve
+from hbbogie.stability import floquet
+from hbbogie.system import System
+
+Array = NDArray[np.float64]
+STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
+LONGEST, SLOWEST = 120.0, 60.0  # simulated at most: so many seconds, or time constants of the slowest mode
+SAME = 1e-6  # cycles closer than this, relative to their size, are one
+
+
+def find_cycles(
+    system: System,
+    *,
+    parameter: str | None = None,
+    interval: tuple[float, float] | None = None,
+    harmonics: int = 15,
+    stability: bool = True,
+    **values: float,
+) -> list[Orbit]:
+    """Find the cycles at given parameter values, by growing amplitude; no guess is needed.
+
+    Hopf points of the equilibrium are located over an interval of one parameter, the branches that begin
+    there are traced, and every crossing of the given value is solved for. Where that finds nothing,
+    motions are simulated from states of several sizes until they settle. Cycles on branches that
+    neither reach a Hopf point in the interval nor attract those motions are not found.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str, optional
+        The parameter along which branches are traced; by default the first one given in ``values``, else
+        the system's first.
+    interval : (float, float), optional, unit of the parameter
+        Where to look for Hopf points; by default twice the value (at least 1) to either side, within the
+        parameter's bounds.
+    harmonics : int
+        Highest harmonic.
+    stability : bool
+        Whether to compute Floquet multipliers and the verdict.
+    **values : float
+        Parameter values, by name.
+
+    Returns
+    -------
+    list of Orbit
+        Empty where no cycle was found.
+
+    Raises
+    ------
+    ModelError
+        For wrong names or values, or when the cycles at this value form a continuous family.
+    ConvergenceError
+        When the simulated motions leave it undecided whether there is a cycle.
+
+    Examples
+    --------
+    ``find_cycles(system, V=90.0)``
+    """
+    system = system.with_parameters(**values)
+    name = parameter or next(iter(values), None) or next(iter(system.parameter_names), None)
+    if name is None:
+        raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
+    value, (low, high) = (
+        system.with_parameters().vector()[_place(system, name)],
+        system.parameter(name).bounds,
+    )
+    reach = max(2 * abs(value), 1.0)
+    lo, hi = interval or (max(value - reach, low), min(value + reach, high))
+    equations = HarmonicBalance(harmonics).equations(system)
+    found: list[Orbit] = []
+    for branch in branches_from_hopf(equations, name, (lo, hi), families=False):
+        found = distinct([*found, *crossings(equations, branch, value)])
+    if not found:
+        found = settled_cycles(equations, name)
+        if not all(_isolated(equations, cycle) for cycle in found):
+            raise ModelError(_family(name, value))
+    if stability:
+        found = [orbit.replace(stability=floquet(system, orbit)) for orbit in found]
+    return found
+
+
+def _place(system: System, name: str) -> int:
+    return system.parameter_names.index(system.parameter(name).name)
+
+
+def branches_from_hopf(
+    equations: Equations, parameter: str, interval: tuple[float, float], *, families: bool = True
+) -> list[Branch]:
+    """Trace the branch that begins at each Hopf point in an interval of the parameter (see `trace`)."""
+    branches = []
+    for hopf in hopf_points(equations.system, parameter, interval):
+        try:
+            branches.append(trace(equations, hopf, parameter, interval, families=families))
+        except ConvergenceError:
+            continue  # no cycle of the kept harmonics begins here
+    return branches
+
+
+def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]:
+    """Return the cycles of a branch at a value of its parameter, solved for exactly.
+
+    Raises
+    ------
+    ModelError
+        When the branch stays at the value: cycles of a conservative system form a family.
+    """
+    name, V = branch.parameter, branch.values
+    at: dict[str, Any] = {name: value}
+    near = np.abs(V - value) <= 1e-9 * max(1.0, abs(value), float(np.ptp(V)))
+    if (near[:-1] & near[1:]).any():
+        raise ModelError(_family(name, value))
+    found = []
+    for i in np.flatnonzero((V[:-1] - value) * (V[1:] - value) <= 0):
+        a, b = branch.orbits[i], branch.orbits[i + 1]
+        share = (value - V[i]) / (V[i + 1] - V[i])
+        between = a.replace(
+            coefficients=(1 - share) * a.coefficients + share * b.coefficients,
+            omega=(1 - share) * a.omega + share * b.omega,
+        )
+        for guess in (between, a, b):
+            try:
+                found.append(solve(equations, guess, **at))
+                break
+            except ConvergenceError:
+                continue
+    return found
+
+
+def _family(name: str, value: float) -> str:
+    return (
+        f"the cycles at {name} = {value:g} form a continuous family (as in a conservative system); ask for one by its "
+        f"amplitude: solve(equations, guess, amplitude={{coordinate: value}}, free={name!r})."
+    )
+
+
+def _isolated(equations: Equations, orbit: Orbit) -> bool:
+    """Tell whether a cycle is the only one near by: whether the Jacobian at fixed parameters is regular."""
+    z, p = equations.encode(orbit), equations.system.vector(**orbit.parameters)
+    J = equations.derivatives(())(z, p)[1].full() / equations.residual_scale[:, None] * equations.scale
+    sizes = np.linalg.svd(J, compute_uv=False)
+    return bool(sizes[-1] > 1e-9 * sizes[0])
+
+
+def distinct(orbits: Iterable[Orbit]) -> list[Orbit]:
+    """Return the orbits that differ in more than the time origin, by growing amplitude."""
+    kept: list[Orbit] = []
+    for orbit in orbits:
+        if not any(_same(orbit, other) for other in kept):
+            kept.append(orbit)
+    return sorted(kept, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))
+
+
+def _same(a: Orbit, b: Orbit) -> bool:
+    if abs(a.omega - b.omega) > SAME * a.omega:
+        return False
+    H = max(a.H, b.H)
+    spectra = [
+        np.hypot(c[1::2], c[2::2]) for c in (fourier.resize(a.coefficients, H), fourier.resize(b.coefficients, H))
+    ]
+    means = np.abs(a.coefficients[0] - b.coefficients[0])
+    size = spectra[0].max()
+    return bool(np.abs(spectra[0] - spectra[1]).max() <= SAME * size and means.max() <= SAME * size)
+
+
+def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
+    """Let motions from states of several sizes settle, and solve for the cycles they settle on.
+
+    Of a conservative system, whose motions settle at once, these are some cycles of a continuous family.
+
+    Raises
+    ------
+    ConvergenceError
+        When a motion goes on without settling, or settles on a cycle that the harmonics kept do not
+        resolve: then "no cycle" would be a guess.
+    """
+    system = equations.system
+    line = Linearisation(system, parameter)
+    value = line.p[line.place]
+    rest, (eigenvalues, vectors) = line.equilibrium(value), line.eigen(value)
+    rates = np.abs(eigenvalues[np.abs(eigenvalues) > 1e-6 * np.abs(eigenvalues).max()])
+    longest = max(LONGEST, SLOWEST / float(rates.min(initial=np.inf)))
+    mode = vectors[: system.n, 0].real
+    mode = mode / np.abs(mode).max(initial=1e-300)
+    found: list[Orbit] = []
+    open_questions: list[str] = []
+    for size in STARTS:
+        q = rest + size * float(equations.scale[0]) * mode
+        try:
+            settled = settle(system, dict(zip(system.coordinate_names, map(float, q), strict=True)), longest=longest)
+        except ConvergenceError:
+            continue  # the motion grows without limit: no cycle there
+        if settled.kind == "undecided":
+            open_questions.append(settled.status)
+        if settled.kind != "cycle":
+            continue
+        guess = last_orbit(system, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2)
+        try:
+            found.append(solve(equations, guess))
+        except ConvergenceError as error:
+            open_questions.append(
+                f"a motion settles on a cycle of period {guess.period:.6g} s that {equations.method} do not resolve "
+                f"(ask for more with harmonics=...): {error}"
+            )
+    if open_questions and not found:
+        raise ConvergenceError(
+            f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
+            f"reaches this value, and {open_questions[0]}"
+        )
+    return distinct(found)

@@ -1,0 +1,225 @@
+"""Motion in time: fixed-step Runge-Kutta and CVODES."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.errors import ConvergenceError, ModelError, unknown_name
+from hbbogie.results import Orbit, Trajectory
+from hbbogie.system import System
+
+Array = NDArray[np.float64]
+Initial = Mapping[str, float] | Orbit | Trajectory
+
+METHODS = ("rk4", "cvodes")
+# samples in one call of a built function; a longer run calls it again, so that nothing grows with it
+BLOCKS = (500, 100, 20, 4, 1)
+MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the memory of a laptop
+TOO_LARGE = 1e12  # a state beyond this has left every physical model
+
+
+def simulate(
+    system: System,
+    initial: Initial,
+    duration: float,
+    *,
+    method: str = "rk4",
+    step: float = 1e-3,
+    tolerance: float = 1e-9,
+    **parameters: float,
+) -> Trajectory:
+    """Integrate the equations of motion in time.
+
+    Parameters
+    ----------
+    system : System
+    initial : mapping, Orbit or Trajectory
+        Where the motion starts. A mapping gives values by name: ``{"q1": 0.03, "q1'": 0.1}`` sets the
+        coordinate q1 and, with a prime, its velocity; what is not named is zero. Of an orbit the state at
+        t = 0 is taken, of a trajectory the last state and time; their parameter values are not.
+    duration : float, s
+    method : {"rk4", "cvodes"}
+        Classical Runge-Kutta with fixed step, or the variable-step multistep integrator of SUNDIALS.
+    step : float, s
+        Distance of the samples; with "rk4" also the step. It is shortened so that the duration is a whole
+        number of steps.
+    tolerance : float
+        Relative tolerance of "cvodes"; the absolute tolerance is a thousandth of it.
+    **parameters : float
+        Parameter values that replace the system's, by name.
+
+    Returns
+    -------
+    Trajectory
+        With a sample at the start and after every step.
+
+    Raises
+    ------
+    ModelError
+        For an unknown name or method, or a duration, step or tolerance that is not positive.
+    ConvergenceError
+        When the motion, or the integration, blows up; the message says when.
+
+    Notes
+    -----
+    A contact of a piecewise-linear element is not located. "rk4" runs over it and loses order there: the
+    error of a step that contains a contact is proportional to the cube of the step. "cvodes" is kept from
+    stepping over a short contact by a largest step of one sample distance, and its error control refines
+    the step at the kink.
+    """
+    if method not in METHODS:
+        raise ModelError(unknown_name("integration method", str(method), METHODS))
+    duration, step = positive("duration", duration, "s"), positive("step", step, "s")
+    positive("tolerance", tolerance, "1")
+    p = system.vector(**parameters)
+    start, x = _initial_state(system, initial)
+    count = max(1, int(np.ceil(duration / step * (1 - 1e-12))))
+    if count > MOST_STEPS:
+        raise ModelError(
+            f"duration {duration:g} s with step {step:g} s makes {count:.3g} samples; allowed are {MOST_STEPS:.0e}. "
+            "Give a shorter duration or a longer step, or go on from the last state in a second call."
+        )
+    h = duration / count
+    states = np.empty((count + 1, system.n_states))
+    states[0] = x
+    k = 0
+    while k < count:
+        # a fixed step may run beyond the end and be cut; CVODES must not, for it fails where a motion ends
+        size = BLOCKS[0] if method == "rk4" else next(b for b in BLOCKS if b <= count - k)
+        block = _advance(system, method, tolerance, size, states[k], p, h, start + k * h)[: count - k]
+        _check_finite(system, block, method, h, start + k * h)
+        states[k + 1 : k + 1 + len(block)] = block
+        k += len(block)
+    merged = system.with_parameters(**parameters)
+    return Trajectory(
+        system.name,
+        system.coordinate_names,
+        tuple(c.unit for c in system.coordinates),
+        np.asarray(start + h * np.arange(count + 1), dtype=float),
+        states[:, : system.n].copy(),
+        _velocities(system, states, p),
+        dict(merged.values),
+        f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
+    )
+
+
+def positive(name: str, value: float, unit: str) -> float:
+    """Return the value as a number; raise `ModelError` unless it is finite and above 0."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not (np.isfinite(number) and number > 0):
+        raise ModelError(f"{name}: got {value!r}; give a finite number above 0 in {unit}.")
+    return number
+
+
+def _initial_state(system: System, initial: Initial) -> tuple[float, Array]:
+    """Return the time and the state, shape (n_states,), a motion starts from."""
+    n, second = system.n, [i for i, s in enumerate(system.second_order) if s]
+    if isinstance(initial, Orbit | Trajectory):
+        if initial.coordinates != system.coordinate_names:
+            raise ModelError(
+                f"the initial {type(initial).__name__.lower()} belongs to {initial.system!r} with "
+                f"coordinates {', '.join(initial.coordinates)}; the system {system.name!r} has "
+                f"{', '.join(system.coordinate_names)}. Give one of the same system."
+            )
+        if isinstance(initial, Trajectory):
+            return float(initial.t[-1]), np.r_[initial.q[-1], initial.v[-1, second]]
+        return 0.0, np.r_[initial.q(0.0)[0], initial.v(0.0)[0, second]]
+    if not isinstance(initial, Mapping):
+        raise ModelError(
+            f"initial: got a {type(initial).__name__}; give a mapping such as "
+            f"{{{system.coordinate_names[0]!r}: 0.01}}, an Orbit or a Trajectory."
+        )
+    names = [*system.coordinate_names, *(system.coordinate_names[i] + "'" for i in second)]
+    x = np.zeros(n + len(second))
+    for name, value in initial.items():
+        if name not in names:
+            raise ModelError(f"initial state of {system.name!r}: {unknown_name('state', str(name), names)}")
+        try:
+            x[names.index(name)] = float(value)
+        except (TypeError, ValueError):
+            raise ModelError(f"initial state {name!r}: got {value!r}; give a number.") from None
+        if not np.isfinite(x[names.index(name)]):
+            raise ModelError(f"initial state {name!r}: got {value!r}; give a finite number.")
+    return 0.0, x
+
+
+def _advance(system: System, method: str, tolerance: float, size: int, x: Array, p: Array, h: float, t: float) -> Array:
+    """Return the states after 1, 2, ... size steps of h [s] from the state x, shape (size, n_states)."""
+    if method == "rk4":
+        run = system.once(("rk4", size), lambda: _runge_kutta(system, size))
+        return np.asarray(run(x, p, h).full().T)
+    run = system.once(("cvodes", tolerance, size), lambda: _cvodes(system, tolerance, size))
+    try:
+        return np.asarray(run(x0=x, p=np.r_[h, p])["xf"].full().T)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise ConvergenceError(
+            f"system {system.name!r}: CVODES gave up between t = {t:g} s and {t + size * h:g} s at tolerance "
+            f"{tolerance:g} ({reason}). Either the motion grows without bound, or the tolerance cannot be "
+            "met: look at a shorter duration, or try a larger tolerance or a shorter step.",
+            statistics={"time": t, "state": x, "step": h},
+        ) from error
+
+
+def _runge_kutta(system: System, size: int) -> ca.Function:
+    """Return (x, p, h) -> states after 1 ... size steps of the classical Runge-Kutta method."""
+    f = system.ode
+    x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
+    k1 = f(x, p)
+    k2 = f(x + h / 2 * k1, p)
+    k3 = f(x + h / 2 * k2, p)
+    k4 = f(x + h * k3, p)
+    step = ca.Function("step", [x, p, h], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+    return step.mapaccum("rk4", size)
+
+
+def _cvodes(system: System, tolerance: float, size: int) -> ca.Function:
+    """Return CVODES over a number of samples; its time counts samples of h [s], its first parameter."""
+    x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
+    problem = {"x": x, "p": ca.vertcat(h, p), "ode": h * system.ode(x, p)}
+    options = {
+        "reltol": tolerance,
+        "abstol": 1e-3 * tolerance,
+        "max_step_size": 1.0,
+        "max_num_steps": 100_000,
+        "disable_internal_warnings": True,
+        "show_eval_warnings": False,
+    }
+    return ca.integrator("cvodes", "cvodes", problem, 0.0, list(range(1, size + 1)), options)
+
+
+def _check_finite(system: System, states: Array, method: str, h: float, t: float) -> None:
+    """Raise `ConvergenceError` when a state, shape (N, n_states), is not a number or absurdly large."""
+    good = np.abs(states) < TOO_LARGE  # False for NaN too
+    if good.all():
+        return
+    first = int(np.argmin(good.all(axis=1)))
+    names = [*system.coordinate_names, *(f"{c}'" for c in system.coordinate_names)]
+    guilty = names[int(np.argmin(good[first]))]
+    advice = (
+        'try a smaller step, or method="cvodes"; if that blows up too, the motion itself grows without bound'
+        if method == "rk4"
+        else "the motion itself seems to grow without bound"
+    )
+    raise ConvergenceError(
+        f"system {system.name!r}: the motion blew up at t = {t + (first + 1) * h:g} s ({guilty} is beyond "
+        f"{TOO_LARGE:g} or not a number) with {method} and step {h:g} s; {advice}.",
+        statistics={"time": t + (first + 1) * h, "step": h},
+    )
+
+
+def _velocities(system: System, states: Array, p: Array) -> Array:
+    """Return the velocities at the states, shape (N, n); of first-order coordinates by their equations."""
+    second = np.array(system.second_order)
+    v = np.empty((len(states), system.n))
+    v[:, second] = states[:, system.n :]
+    if not second.all():
+        v[:, ~second] = system.ode(states.T, p).full().T[:, : system.n][:, ~second]
+    return v

@@ -1,0 +1,1 @@
+"""Methods: each turns a system into algebraic equations for its cycles."""

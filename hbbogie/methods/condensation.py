@@ -1,0 +1,72 @@
+"""Condensation: coordinates that enter linearly are eliminated harmonic by harmonic (eq-condensation)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from hbbogie.analysis import Parts
+from hbbogie.system import System
+
+Array = NDArray[np.float64]
+
+
+def frequency_scale(system: System, p: Array) -> float:
+    """Return a typical frequency: that of the least damped oscillation at rest, else 1 rad/s."""
+    eigenvalues = np.linalg.eigvals(system.ode_jacobian(np.zeros(system.n_states), p).full())
+    pairs = eigenvalues[eigenvalues.imag > 1e-6 * np.abs(eigenvalues).max(initial=0.0)]
+    return float(pairs[np.argmax(pairs.real)].imag) if pairs.size else 1.0
+
+
+def choose_rows(system: System, parts: Parts, C: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the equations kept (R) and those that eliminate the linear coordinates (E).
+
+    Those of the same number where they determine the coordinates C; otherwise the best conditioned,
+    found by pivoting.
+    """
+    if not C:
+        return tuple(range(system.n)), ()
+    p = system.vector()
+    kappa = frequency_scale(system, p)
+    Z = parts.stiffness(p).full() + 1j * kappa * parts.damping(p).full() - kappa**2 * parts.mass(p).full()
+    E = tuple(C)
+    block = Z[np.ix_(E, C)]
+    if np.linalg.cond(block / np.maximum(np.abs(block).max(axis=1, keepdims=True), 1e-300)) > 1e10:
+        _, _, pivots = scipy.linalg.qr(Z[:, C].conj().T, pivoting=True)
+        E = tuple(sorted(int(i) for i in pivots[: len(C)]))
+    return tuple(i for i in range(system.n) if i not in E), E
+
+
+def dynamic_stiffness(
+    parts: Parts,
+    S: Sequence[int],
+    C: Sequence[int],
+    R: Sequence[int],
+    E: Sequence[int],
+    force_rows: Sequence[int],
+) -> ca.Function:
+    """Return (kappa, p) -> (Re Z, Im Z, Re P, Im P), the condensed dynamic stiffness of one harmonic.
+
+    With inputs y = (x_S, forces in the equations E): residual of the equations R = Z y, condensed
+    coordinates x_C = P y (eq-dynamic-stiffness, eq-condensation).
+    """
+    kappa, p = ca.SX.sym("kappa"), ca.SX.sym("p", parts.mass.size1_in(0))
+    real, imaginary = parts.stiffness(p) - kappa**2 * parts.mass(p), kappa * parts.damping(p)
+    R, E, S, C = (list(i) for i in (R, E, S, C))
+    Z_re, Z_im = real[R, S], imaginary[R, S]
+    if not C:
+        return ca.Function("Z", [kappa, p], [Z_re, Z_im, ca.SX(0, len(S)), ca.SX(0, len(S))])
+    unit = ca.SX(ca.DM.eye(real.shape[0]))[E, [i for i in force_rows if i in E]]
+    nothing = ca.SX(*unit.shape)
+    A = ca.blockcat([[real[E, C], -imaginary[E, C]], [imaginary[E, C], real[E, C]]])
+    b = ca.vertcat(ca.horzcat(real[E, S], unit), ca.horzcat(imaginary[E, S], nothing))
+    P = ca.solve(A, -ca.densify(b))
+    P_re, P_im = P[: len(C), :], P[len(C) :, :]
+    padding = ca.SX(len(R), unit.shape[1])
+    Z_re = ca.horzcat(Z_re, padding) + real[R, C] @ P_re - imaginary[R, C] @ P_im
+    Z_im = ca.horzcat(Z_im, padding) + real[R, C] @ P_im + imaginary[R, C] @ P_re
+    return ca.Function("Z", [kappa, p], [Z_re, Z_im, P_re, P_im])

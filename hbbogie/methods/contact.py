@@ -1,0 +1,232 @@
+"""Exact Fourier coefficients of piecewise-linear forces, integrated between their contact times.
+
+A ramp ``k max(s(tau), 0)`` with ``s`` a trigonometric polynomial is the product of ``k s`` and the
+contact indicator, which is 1 where s > 0. The Fourier coefficients of the indicator follow in closed
+form from the contact times, the roots of s; those of the force are then a Toeplitz-plus-Hankel
+matrix of the indicator's coefficients times those of s (theory page, eq-contact-moments and
+eq-contact-force). No sampling error is left, and since the force vanishes at the contact times the
+first derivative is that same matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+
+NEWTON_STEPS = 6
+GRAZING_SLOPE = 1e-7  # smallest |s'| in units of the largest coefficient: the second derivative is unbounded at grazing
+
+
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """What it takes to integrate ``max(s, 0)`` exactly, for s with the given harmonics.
+
+    ``s`` is kept as w, shape (1 + rows,): a constant, then the coefficients on `rows`. Where the basis is
+    odd, half a period is enough: the result is what one ramp of an odd pair contributes.
+
+    Attributes
+    ----------
+    rows : ndarray of int
+        Coefficient rows kept.
+    contacts : casadi.Function, w -> (moments, contact times [rad], 1 / abs(s') or 0 where there is no contact)
+    table : casadi.DM
+        Maps the moments to vec(G): the coefficients of the ramp are G w.
+    length : float, rad
+        Length of the interval of integration, 2 pi or pi.
+    """
+
+    rows: NDArray[np.int_]
+    contacts: ca.Function
+    table: ca.DM
+    length: float
+    harmonics: tuple[int, ...]
+
+    def gain(self, moments: ca.SX) -> ca.SX:
+        """Return G, shape (rows, 1 + rows): the coefficients of max(s, 0) are G w (eq-contact-force)."""
+        return ca.reshape(ca.mtimes(self.table, moments), len(self.rows), 1 + len(self.rows))
+
+    def curvature(self, times: ca.MX, weights: ca.MX, multipliers: ca.MX) -> ca.MX:
+        """Return the matrix of second derivatives of multipliers . G w, shape (1 + rows,) squared.
+
+        It comes from the contact times that move with w (eq-contact-hessian).
+        """
+        basis = _symbolic_basis(self.harmonics, times)
+        projection = basis[:, 1:] * (2 / self.length)
+        if self.harmonics[0] == 0:
+            projection = ca.horzcat(projection[:, 0] / 2, projection[:, 1:])
+        weight = weights * ca.mtimes(projection, multipliers)
+        return ca.mtimes(basis.T, ca.repmat(weight, 1, basis.shape[1]) * basis)
+
+
+def make_ramp(harmonics: tuple[int, ...], odd: bool) -> Ramp:
+    """Build the functions for a set of harmonics (0 among them unless ``odd``).
+
+    Parameters
+    ----------
+    harmonics : tuple of int
+        The harmonics kept, in increasing order.
+    odd : bool
+        Whether s plus its constant is an odd-harmonic signal: then half a period is enough.
+    """
+    H = harmonics[-1]
+    cells = max(32, 4 * H) if odd else max(64, 8 * H)  # four per wave of the highest harmonic, at least
+    length = np.pi if odd else 2 * np.pi
+    rows = fourier.rows_of(harmonics)
+    w = ca.MX.sym("w", 1 + len(rows))
+    nodes = np.linspace(0, length, cells + 1)
+    E0, E1 = (_basis(H, rows, nodes, d) for d in (0, 1))
+    s, ds = ca.mtimes(E0, w), ca.mtimes(E1, w)
+    cell = _cell(harmonics, rows, length / cells)
+    moments, times, weights = cell.map("cells", "serial", cells, [0], [0])(
+        w, nodes[:-1].reshape(1, -1), s[:-1].T, s[1:].T, ds[:-1].T, ds[1:].T
+    )
+    ends = _antiderivatives(H, np.array([0.0, length]))
+    moments = moments + ca.if_else(s[-1] > 0, 1, 0) * ends[:, 1] - ca.if_else(s[0] > 0, 1, 0) * ends[:, 0]
+    contacts = ca.Function("contacts", [w], [moments, ca.vec(times), ca.vec(weights)])
+    return Ramp(rows, contacts, product_table(H, rows, length), length, harmonics)
+
+
+def _basis(H: int, rows: np.ndarray, tau: np.ndarray, derivative: int) -> ca.DM:
+    """Return the matrix, shape (len(tau), 1 + rows), that evaluates w at the phases tau."""
+    constant = np.full((len(tau), 1), float(derivative == 0))
+    return ca.DM(np.hstack([constant, fourier.synthesis(H, tau, derivative)[:, rows]]))
+
+
+def _symbolic_basis(harmonics: tuple[int, ...], tau: ca.MX) -> ca.MX:
+    columns = [ca.MX.ones(tau.shape[0])]
+    for h in harmonics:
+        columns += [ca.MX.ones(tau.shape[0])] if h == 0 else [ca.cos(h * tau), ca.sin(h * tau)]
+    return ca.horzcat(*columns)
+
+
+def _antiderivatives(H: int, tau: np.ndarray) -> np.ndarray:
+    """Return the antiderivatives of cos(k tau), then sin(k tau), k = 0 ... 2 H, shape (2 (2 H + 1), len(tau))."""
+    k = np.arange(1, 2 * H + 1)[:, None]
+    zero = np.zeros((1, len(tau)))
+    return np.vstack([tau[None, :], np.sin(k * tau) / k, zero, -np.cos(k * tau) / k])
+
+
+def product_table(H: int, rows: np.ndarray, length: float) -> ca.DM:
+    """Return the constant matrix that maps the moments of a function g to vec(G) (eq-contact-force).
+
+    The moments are the integrals of g(tau) cos(k tau), then of g(tau) sin(k tau), k = 0 ... 2 H, over an
+    interval of the given length; G w are the coefficients on `rows` of g times the signal w (its constant,
+    then its coefficients on `rows`).
+    """
+    K = 2 * H + 1
+    harmonic = [(0, "c")] + [((r + 1) // 2, "c" if r % 2 or r == 0 else "s") for r in rows]
+    entries: dict[tuple[int, int], float] = {}
+
+    def add(place: int, kind: str, k: int, value: float) -> None:
+        if kind == "s" and k < 0:
+            value, k = -value, -k
+        moment = abs(k) + (K if kind == "s" else 0)
+        entries[place, moment] = entries.get((place, moment), 0.0) + value
+
+    for j, (m, mk) in enumerate(harmonic):
+        for i, (h, hk) in enumerate(harmonic[1:]):
+            place, scale = j * len(rows) + i, 0.5 * (1 if h == 0 else 2) / length
+            if mk == hk:  # cos cos, sin sin
+                add(place, "c", m - h, scale)
+                add(place, "c", m + h, scale if mk == "c" else -scale)
+            else:  # the sine's harmonic comes first in the difference
+                add(place, "s", m + h, scale)
+                add(place, "s", m - h if mk == "s" else h - m, scale)
+    places, moments = zip(*entries, strict=True)
+    shape = (1 + len(rows)) * len(rows), 2 * K
+    return ca.DM.triplet(list(places), list(moments), ca.DM(list(entries.values())), *shape)
+
+
+def _cell(harmonics: tuple[int, ...], rows: np.ndarray, width: float) -> ca.Function:
+    """Return what one cell of the phase grid adds to the moments, and its contact times with weights.
+
+    Cells without a contact cost nothing; cells with one extremum inside are cut there, so that contacts
+    shorter than a cell (grazing) are met as well.
+    """
+    H = harmonics[-1]
+    w = ca.SX.sym("w", 1 + len(rows))
+    lo, s_lo, s_hi, ds_lo, ds_hi = (ca.SX.sym(n) for n in ("lo", "s_lo", "s_hi", "ds_lo", "ds_hi"))
+    arguments = [w, lo, s_lo, s_hi, ds_lo, ds_hi]
+    hi = lo + width
+    n_moments = 2 * (2 * H + 1)
+    idle = ca.Function("idle", arguments, [ca.SX.zeros(n_moments), ca.SX.zeros(2), ca.SX.zeros(2)])
+
+    secant = lo + width * s_lo / (s_lo - s_hi)
+    m, tau, weight = _contact(harmonics, w, lo, hi, s_lo, s_hi, secant)
+    crossing = ca.Function(
+        "crossing", arguments, [m, ca.vertcat(tau, lo), ca.vertcat(weight, 0)]
+    )  # fmt: skip
+
+    top = lo + width * ds_lo / (ds_lo - ds_hi)
+    for _ in range(NEWTON_STEPS):
+        _, d1, d2 = _evaluate(harmonics, w, top)
+        top = ca.fmin(ca.fmax(top - d1 / d2, lo), hi)
+    s_top, _, d2 = _evaluate(harmonics, w, top)
+    reach = ca.sqrt(2 * ca.fabs(s_top / d2))
+    m1, tau1, weight1 = _contact(harmonics, w, lo, top, s_lo, s_top, ca.fmax(top - reach, lo))
+    m2, tau2, weight2 = _contact(harmonics, w, top, hi, s_top, s_hi, ca.fmin(top + reach, hi))
+    extremum = ca.Function("extremum", arguments, [m1 + m2, ca.vertcat(tau1, tau2), ca.vertcat(weight1, weight2)])
+
+    # 0 idle, 1 one crossing of a monotone piece, 2 an extremum inside that may touch or cross zero
+    inside = ca.logic_and(ds_lo * ds_hi < 0, ca.fmin(ca.fabs(s_lo), ca.fabs(s_hi)) < 2 * width * ca.fmax(
+        ca.fabs(ds_lo), ca.fabs(ds_hi)
+    ))  # fmt: skip
+    case = ca.if_else(inside, 2, ca.if_else((s_lo > 0) != (s_hi > 0), 1, 0))
+    switch = ca.Function.conditional("switch", [idle, crossing], extremum)
+    mx = [ca.MX.sym(f"a{i}", a.shape[0]) for i, a in enumerate(arguments)]
+    select = ca.Function("case", arguments, [case])
+    return ca.Function("cell", mx, list(switch(select(*mx), *mx)))
+
+
+def _evaluate(harmonics: tuple[int, ...], w: ca.SX, tau: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return s, s', s'' at tau by rotation from harmonic to harmonic: one sine and one cosine in all."""
+    s, d1, d2 = w[0], ca.SX(0), ca.SX(0)
+    cosines, sines = _rotations(harmonics[-1], tau)
+    place = 1
+    for h in harmonics:
+        if h == 0:
+            s, place = s + w[place], place + 1
+            continue
+        c = w[place] * cosines[h] + w[place + 1] * sines[h]
+        q = w[place + 1] * cosines[h] - w[place] * sines[h]
+        s, d1, d2, place = s + c, d1 + h * q, d2 - h * h * c, place + 2
+    return s, d1, d2
+
+
+def _rotations(K: int, tau: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    c1, s1 = ca.cos(tau), ca.sin(tau)
+    cosines, sines = [ca.SX(1), c1], [ca.SX(0), s1]
+    for _ in range(2, K + 1):
+        c, s = cosines[-1], sines[-1]
+        cosines.append(c * c1 - s * s1)
+        sines.append(s * c1 + c * s1)
+    return cosines, sines
+
+
+def _contact(
+    harmonics: tuple[int, ...], w: ca.SX, lo: ca.SX, hi: ca.SX, s_lo: ca.SX, s_hi: ca.SX, start: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return moments, contact time and 1/|s'| of the one crossing in [lo, hi], zeros where there is none."""
+    crosses = (s_lo > 0) != (s_hi > 0)
+    rising = s_hi > 0
+    tau, a, b = start, lo, hi
+    for _ in range(NEWTON_STEPS):  # Newton, kept in its bracket by bisection
+        s, d1, _ = _evaluate(harmonics, w, tau)
+        before = (s > 0) != rising
+        a, b = ca.if_else(before, tau, a), ca.if_else(before, b, tau)
+        step = tau - s / d1
+        tau = ca.if_else(ca.logic_and(step >= a, step <= b), step, (a + b) / 2)
+    _, d1, _ = _evaluate(harmonics, w, tau)
+    H = harmonics[-1]
+    cosines, sines = _rotations(2 * H, tau)
+    k = range(1, 2 * H + 1)
+    anti = ca.vertcat(tau, *(sines[i] / i for i in k), 0, *(-cosines[i] / i for i in k))
+    sign = ca.if_else(crosses, ca.if_else(rising, -1, 1), 0)  # entering contact: minus the antiderivative
+    size = ca.norm_inf(w)
+    weight = ca.if_else(crosses, 1 / ca.fmax(ca.fabs(d1), GRAZING_SLOPE * size), 0)
+    return ca.if_else(crosses, sign * anti, 0), ca.if_else(crosses, tau, lo), weight

@@ -1,0 +1,97 @@
+"""Multi-harmonic balance: the cycle's Fourier coefficients and frequency as unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbbogie.equations import Equations
+from hbbogie.errors import ModelError
+from hbbogie.methods.assembly import Assembly
+from hbbogie.methods.layout import Layout, make_layout
+from hbbogie.methods.waist import make_equations
+from hbbogie.system import System
+
+
+@dataclass(frozen=True)
+class HarmonicBalance:
+    """Multi-harmonic balance with the harmonics 0 ... H of the period.
+
+    Parameters
+    ----------
+    harmonics : int
+        Highest harmonic H; 0 gives the equations of the equilibria.
+    samples : int, optional
+        Samples per period for nonlinear forces that are not piecewise linear. The default 16 (H + 1) is
+        free of aliasing for polynomial forces up to degree 14, and so is half of it up to degree 6.
+    odd : bool, optional
+        Keep the odd harmonics only. By default where the system is proved to be odd.
+    condense : bool
+        Eliminate the coordinates that enter linearly, harmonic by harmonic (eq-condensation).
+    contact : bool
+        Integrate piecewise-linear elements exactly between their contact times; otherwise sample them.
+    phase : str, optional
+        Coordinate whose sine coefficient of the first harmonic is zero; by default the first that enters
+        nonlinearly.
+
+    Examples
+    --------
+    ``HarmonicBalance(15).equations(system)``
+    """
+
+    harmonics: int
+    samples: int | None = None
+    odd: bool | None = None
+    condense: bool = True
+    contact: bool = True
+    phase: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.harmonics, int | np.integer) or self.harmonics < 0:
+            raise ModelError(f"HarmonicBalance: harmonics={self.harmonics!r}; give a whole number from 0.")
+        if self.samples is not None and self.samples < 2 * (2 * self.harmonics + 1):
+            raise ModelError(
+                f"HarmonicBalance: samples={self.samples} for highest harmonic {self.harmonics}; give at least "
+                f"{2 * (2 * self.harmonics + 1)}, or leave it out for {self.default_samples}."
+            )
+        if self.samples is not None and self.samples % 2:
+            raise ModelError(f"HarmonicBalance: samples={self.samples}; give an even number.")
+
+    @property
+    def default_samples(self) -> int:
+        """Samples per period where none are asked for: 16 (H + 1)."""
+        return 16 * (self.harmonics + 1)
+
+    def kept(self, system: System) -> tuple[int, ...]:
+        """Return the harmonics that are unknowns for this system."""
+        odd = system.odd if self.odd is None and self.harmonics else bool(self.odd)
+        if odd and not self.harmonics:
+            raise ModelError("HarmonicBalance: odd=True leaves no harmonic of 0 ... 0; give harmonics of at least 1.")
+        return tuple(h for h in range(self.harmonics + 1) if h % 2 or not odd)
+
+    def layout(self, system: System, kept: tuple[int, ...]) -> Layout:
+        """Return which coefficients of which coordinates are unknowns."""
+        return make_layout(
+            system,
+            system.parts(self.contact),
+            kept,
+            H=self.harmonics,
+            samples=self.samples or self.default_samples,
+            condense=self.condense,
+            phase=self.phase,
+        )
+
+    def equations(self, system: System) -> Equations:
+        """Return the equations of the system's cycles (of its equilibria for H = 0)."""
+        kept = self.kept(system)
+        assembly = system.once((self, kept), lambda: Assembly(self.layout(system, kept), system))
+        return make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
+
+
+def _list(harmonics: Sequence[int]) -> str:
+    if len(harmonics) == 1:
+        return f"harmonic {harmonics[0]}"
+    step = "odd " if harmonics[0] else ""
+    return f"{step}harmonics {harmonics[0]} to {harmonics[-1]}"

@@ -1,0 +1,142 @@
+"""The unknowns of harmonic balance: which coefficients of which coordinates, and in what order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.analysis import Parts
+from hbbogie.errors import ModelError
+from hbbogie.system import System
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The unknowns z: coefficients of the coordinates S (column by column), means of all n, omega.
+
+    Attributes
+    ----------
+    n : int
+        Number of coordinates.
+    kept : tuple of int
+        Harmonics kept.
+    H : int
+        Highest harmonic.
+    S : tuple of int
+        Coordinates that are not condensed out.
+    phase : int or None
+        Coordinate whose sine coefficient of harmonic 1 is zero and no unknown; None for equilibria.
+    samples : int
+        Samples per period of the sampled forces.
+    parts : Parts
+        The system, taken apart.
+    """
+
+    n: int
+    kept: tuple[int, ...]
+    H: int
+    S: tuple[int, ...]
+    phase: int | None
+    samples: int
+    parts: Parts
+
+    @property
+    def odd(self) -> bool:
+        """Whether odd harmonics only are kept."""
+        return self.kept[0] != 0
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """The harmonics above 0."""
+        return tuple(h for h in self.kept if h)
+
+    @property
+    def waves(self) -> int:
+        """Number of cosine and sine coefficients of a coordinate."""
+        return 2 * len(self.moving)
+
+    @property
+    def means(self) -> int:
+        """Number of means among the unknowns: those of all coordinates, or none."""
+        return 0 if self.odd else self.n
+
+    @cached_property
+    def keep(self) -> NDArray[np.int_]:
+        """Places of the moving coefficients that are unknowns (all but the one that sets the phase)."""
+        keep = np.ones(self.waves * len(self.S), dtype=bool)
+        if self.phase is not None:
+            keep[self.S.index(self.phase) * self.waves + 1] = False
+        return np.flatnonzero(keep)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.keep) + self.means + bool(self.moving)
+
+    def unpack(self, z: Any) -> tuple[Any, Any, Any]:
+        """Return the coefficients, shape (waves, len(S)), the means, shape (n,), and omega as expressions."""
+        kind = type(z)
+        if not self.moving:
+            return kind(0, len(self.S)), z, kind(0)
+        X = ca.reshape(ca.mtimes(self._insertion, z[: len(self.keep)]), self.waves, len(self.S))
+        return X, z[len(self.keep) : -1] if self.means else kind.zeros(self.n), z[-1]
+
+    @cached_property
+    def _insertion(self) -> ca.DM:
+        rows, columns = list(map(int, self.keep)), list(range(len(self.keep)))
+        return ca.DM(ca.Sparsity.triplet(self.waves * len(self.S), len(columns), rows, columns), 1.0)
+
+    def from_coefficients(self, c: Array, omega: float) -> Array:
+        """Return the unknowns z of the coefficients c, shape (2 H' + 1, n), and omega."""
+        c = fourier.resize(c, self.H)
+        if not self.moving:
+            return np.array(c[0])
+        moving = c[np.ix_(fourier.rows_of(self.moving), np.array(self.S))].ravel(order="F")[self.keep]
+        return np.concatenate([moving, c[0] if self.means else [], [omega]])
+
+
+def make_layout(
+    system: System, parts: Parts, kept: tuple[int, ...], *, H: int, samples: int, condense: bool, phase: str | None
+) -> Layout:
+    """Return which coefficients of which coordinates are unknowns.
+
+    Parameters
+    ----------
+    system : System
+    parts : Parts
+        The system, taken apart.
+    kept : tuple of int
+        Harmonics kept.
+    H : int
+        Highest harmonic of the orbits.
+    samples : int
+        Samples per period of the sampled forces.
+    condense : bool
+        Whether coordinates that enter linearly are eliminated.
+    phase : str or None
+        Coordinate that sets the phase; None for the first that enters nonlinearly.
+
+    Raises
+    ------
+    ModelError
+        When the coordinate that is to set the phase is condensed out.
+    """
+    nonlinear = parts.nonlinear or tuple(range(system.n))
+    S = nonlinear if condense else tuple(range(system.n))
+    place = None
+    if any(kept):
+        place = nonlinear[0] if phase is None else system.index(phase)
+        if place not in S:
+            raise ModelError(
+                f"phase={phase!r} enters linearly and is condensed out; choose among "
+                f"{', '.join(system.coordinate_names[i] for i in S)}, or set condense=False."
+            )
+    return Layout(system.n, kept, H, S, place, samples, parts)

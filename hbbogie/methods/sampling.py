@@ -1,0 +1,125 @@
+"""Forces that are sampled: alternate between frequency and time, with exact derivatives (eq-aft)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.methods.contact import product_table
+from hbbogie.methods.layout import Layout
+
+Array = NDArray[np.float64]
+
+
+class Sampling:
+    """The Fourier coefficients of the remainder of a system, and their derivatives.
+
+    Parameters
+    ----------
+    layout : Layout
+    n_p : int
+        Number of parameters.
+    """
+
+    def __init__(self, layout: Layout, n_p: int):
+        self.layout, self.n_p = layout, n_p
+
+    def states(self, z: ca.MX) -> tuple[list[ca.MX], Array]:
+        """Return position, velocity and acceleration at the samples, each (n, samples used), and the phases."""
+        layout = self.layout
+        X, mean, omega = layout.unpack(z)
+        N = layout.samples if layout.moving else 1
+        tau = fourier.phases(N)[: N // 2 if layout.odd else N]  # an odd force repeats itself with the other sign
+        states = []
+        for d in range(3):
+            x = ca.MX.zeros(layout.n, len(tau))
+            if layout.moving:
+                E = ca.DM(fourier.synthesis(layout.H, tau, d)[:, fourier.rows_of(layout.moving)])
+                x[list(layout.S), :] = (ca.mtimes(E, X) * omega**d).T
+            states.append(x + ca.repmat(mean, 1, len(tau)) if d == 0 else x)
+        return states, tau
+
+    def projection(self, count: int) -> ca.DM:
+        """Return the matrix that maps ``count`` samples to the coefficients kept."""
+        rows = fourier.rows_of(self.layout.kept)
+        if not self.layout.moving:
+            return ca.DM([[1.0]])
+        A = fourier.analysis(self.layout.H, self.layout.samples)[rows][:, :count]
+        return ca.DM(A * (self.layout.samples / count))
+
+    def coefficients(self, z: ca.MX, p: ca.MX) -> ca.MX:
+        """Alternate between frequency and time: evaluate at equidistant samples, project back (eq-aft)."""
+        rows = self.layout.parts.remainder_rows
+        if not rows:
+            return ca.MX(0, 0)
+        states, tau = self.states(z)
+        f = self.layout.parts.remainder.map("forces", "serial", len(tau), [3], [])(*states, p)
+        return ca.mtimes(self.projection(len(tau)), f[list(rows), :].T)
+
+    def jacobian(self, z: ca.MX, p: ca.MX, free: Sequence[int]) -> ca.MX:
+        """Return the derivative of vec(`coefficients`) with respect to (z, p[free]).
+
+        A slope times a signal has as its coefficients a Toeplitz-plus-Hankel matrix of the slope's moments
+        times those of the signal, exactly so for sums over the samples as well.
+        """
+        layout, parts = self.layout, self.layout.parts
+        rows, (X, _, omega), (states, tau) = parts.remainder_rows, layout.unpack(z), self.states(z)
+        sx = [ca.SX.sym(s, layout.n) for s in "qva"] + [ca.SX.sym("p", self.n_p)]
+        r = parts.remainder(*sx)[list(rows)]
+        slopes = [ca.jacobian(r, s)[:, list(layout.S)] for s in sx[:3]] + [ca.jacobian(r, sx[3])[:, list(free)]]
+        f = ca.Function("slopes", sx, [ca.densify(ca.vec(s)) for s in slopes])
+        values = f.map("slopes", "serial", len(tau), [3], [])(*states, p)
+        kept, length = fourier.rows_of(layout.kept), np.pi if layout.odd else 2 * np.pi
+        table = product_table(layout.H, kept, length)
+        moments = ca.DM(_moments(layout.H, tau, length))
+        D = fourier.derivative(np.eye(2 * layout.H + 1))[
+            np.ix_(fourier.rows_of(layout.moving), fourier.rows_of(layout.moving))
+        ]
+        first = 1 if layout.odd else 2  # where the moving columns of G begin
+        blocks = []
+        for i in range(len(rows)):
+            columns, d_omega, d_mean = [], ca.MX.zeros(len(kept)), ca.MX(len(kept), layout.n)
+            for j in range(len(layout.S)):
+                block = ca.MX(len(kept), layout.waves)
+                for d in range(3):
+                    if not slopes[d].sparsity().has_nz(i, j):
+                        continue
+                    slope = values[d][j * len(rows) + i, :].T
+                    G = ca.reshape(ca.mtimes(table, ca.mtimes(moments, slope)), len(kept), 1 + len(kept))
+                    if d == 0 and layout.means:
+                        d_mean[:, layout.S[j]] = G[:, 0]
+                    if layout.moving:
+                        wave = ca.mtimes(G[:, first:], ca.sparsify(ca.DM(np.linalg.matrix_power(D, d))))
+                        block += wave * omega**d
+                        d_omega += ca.mtimes(wave, X[:, j]) * (d * omega ** (d - 1)) if d else 0
+                columns.append(block)
+            moving = ca.horzcat(*columns)[:, list(map(int, layout.keep))] if layout.moving else ca.MX(len(kept), 0)
+            A = self.projection(len(tau))
+            d_p = [ca.mtimes(A, values[3][k * len(rows) + i, :].T) for k in range(len(free))]
+            blocks.append(
+                ca.horzcat(moving, *([d_mean] if layout.means else []), *([d_omega] if layout.moving else []), *d_p)
+            )
+        return ca.vertcat(*blocks)
+
+    def hessian(self, free: tuple[int, ...]) -> ca.Function:
+        """Return (z, p, pull) -> second derivative of pull . vec(`coefficients`) with respect to (z, p[free])."""
+        size = self.layout.size
+        y, p = ca.MX.sym("y", size + len(free)), ca.MX.sym("p", self.n_p)
+        shifted = ca.MX(p)
+        for k, i in enumerate(free):
+            shifted[i] += y[size + k]
+        c = ca.vec(self.coefficients(y[:size], shifted))
+        pull = ca.MX.sym("pull", c.shape[0])
+        f = ca.Function("sampled_hessian", [y, p, pull], [ca.hessian(ca.dot(pull, c), y)[0]])
+        z = ca.MX.sym("z", size)
+        return ca.Function("sampled_hessian", [z, p, pull], [f(ca.vertcat(z, ca.MX.zeros(len(free))), p, pull)])
+
+
+def _moments(H: int, tau: Array, length: float) -> Array:
+    """Return the matrix that maps samples at ``tau`` to integrals with cos(k tau), sin(k tau), k = 0 ... 2 H."""
+    k = np.arange(2 * H + 1)[:, None]
+    return np.vstack([np.cos(k * tau), np.sin(k * tau)]) * (length / len(tau))

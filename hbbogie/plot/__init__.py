@@ -1,0 +1,24 @@
+"""Figures of results. Functions take results and optional axes ``ax``, and return the axes.
+
+The only module that imports matplotlib. The style is set for the figures made here, not for the session.
+"""
+
+from hbbogie.plot.appearance import figure_of, one_legend, panels, save, style
+from hbbogie.plot.branches import branch, frequency, multipliers, multipliers_along
+from hbbogie.plot.orbits import orbit, spectrum, time_history, waveform
+
+__all__ = [
+    "branch",
+    "figure_of",
+    "frequency",
+    "multipliers",
+    "multipliers_along",
+    "one_legend",
+    "orbit",
+    "panels",
+    "save",
+    "spectrum",
+    "style",
+    "time_history",
+    "waveform",
+]

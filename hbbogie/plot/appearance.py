@@ -1,0 +1,177 @@
+"""The house style, panels, scales of units, legends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from hbbogie.errors import ModelError
+from hbbogie.results import Orbit, Trajectory
+
+Array = NDArray[np.float64]
+P = ParamSpec("P")
+
+# Okabe and Ito: told apart by the colour-blind, and in this order also when printed in grey
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#444444")
+INK, PALE = "#333333", "#e4e4e4"
+LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 1.8)), "unknown": (0, (1, 1.6))}
+SHADES = {"stable": COLOURS[0], "unstable": COLOURS[1], "unknown": "#777777"}
+STYLE: dict[str, Any] = {
+    "figure.figsize": (6.6, 4.2),
+    "figure.constrained_layout.use": True,
+    "font.size": 10.0,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#777777",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": plt.cycler(color=COLOURS),
+    "lines.linewidth": 1.8,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+    "legend.handlelength": 2.1,
+}
+
+
+def style() -> AbstractContextManager[None]:
+    """Return a context in which matplotlib draws in the style of this module."""
+    return plt.rc_context(STYLE)  # type: ignore[arg-type, unused-ignore]
+
+
+def styled(draw: Callable[P, Axes]) -> Callable[P, Axes]:
+    """Return the function so that it draws in the style of this module."""
+
+    @wraps(draw)
+    def styled(*args: P.args, **kwargs: P.kwargs) -> Axes:
+        with style():
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def save(figure: Figure | Axes, path: str | Path, close: bool = True) -> Path:
+    """Write a figure, as PNG unless the path ends otherwise (.pdf, .svg), at 150 dots per inch.
+
+    Parameters
+    ----------
+    figure : Figure or Axes
+    path : str or path
+    close : bool
+        Whether the figure is closed afterwards and its memory freed.
+
+    Raises
+    ------
+    ModelError
+        When the directory does not exist.
+    """
+    drawn = figure if isinstance(figure, Figure) else figure_of(figure)
+    target = Path(path)
+    target = target if target.suffix else target.with_suffix(".png")
+    if not target.parent.is_dir():
+        folder = str(target.parent)
+        raise ModelError(f"cannot write {str(target)!r}: the directory {folder!r} does not exist; make it.")
+    drawn.savefig(target, dpi=150, bbox_inches="tight", facecolor="white")
+    if close:
+        plt.close(drawn)
+    return target
+
+
+def panels(rows: int, columns: int, size: tuple[float, float] | None = None) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure with axes in rows and columns, shape (rows, columns), in the style of this module.
+
+    Parameters
+    ----------
+    rows, columns : int
+    size : (float, float), inch
+        Width and height of the whole; in proportion to the number of panels where left out.
+    """
+    with style():
+        figure, grid = plt.subplots(
+            rows, columns, figsize=size or (5.6 * columns, 3.8 * rows), layout="constrained", squeeze=False
+        )
+    for ax in grid.flat:
+        _dress(ax)
+    return figure, grid
+
+
+def one_legend(figure: Figure) -> Figure:
+    """Replace the legends of all panels by one below them; what stands in several is named once."""
+    entries: dict[str, Any] = {}
+    for ax in figure.axes:
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(text, handle)
+        if (own := ax.get_legend()) is not None:
+            own.remove()
+    with style():
+        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=min(4, len(entries)))
+    return figure
+
+
+def _dress(ax: Axes) -> None:
+    """Give axes their grid and ticks, which are made late, outside the style."""
+    ax.grid(True, color=PALE, linewidth=0.7)
+    ax.tick_params(which="both", colors=INK, labelsize=9, length=3)
+    ax.margins(0.04)
+
+
+def axes(ax: Axes | None, size: tuple[float, float] | None = None) -> Axes:
+    """Return the axes given, or new ones."""
+    if ax is None:
+        _, ax = plt.subplots(figsize=size, layout="constrained")
+        _dress(ax)
+    return ax
+
+
+def figure_of(ax: Axes) -> Figure:
+    """Return the figure that axes belong to."""
+    return ax.figure.figure  # the whole figure, also from axes in a subfigure
+
+
+def coordinate_of(o: Orbit | Trajectory, name: str | None) -> tuple[str, str]:
+    """Return name and unit of a coordinate, of the first one where none is named."""
+    i = 0 if name is None else o.index(name)
+    return o.coordinates[i], o.units[i] or "1"
+
+
+def scale(unit: str, data: Iterable[ArrayLike], label: str = "") -> tuple[float, str]:
+    """Return factor and unit in which lengths and angles of this size are read easily.
+
+    A unit that stands already on the axis is kept, so that curves drawn later fit those drawn before.
+    """
+    base = unit.split("/")[0]
+    if base not in ("m", "rad"):
+        return 1.0, unit
+    for prefix, factor in (("", 1.0), ("m", 1e3), ("µ", 1e6)):
+        if f"[{prefix}{unit}]" in label:
+            return factor, prefix + unit
+    largest = max((float(np.abs(d).max(initial=0.0)) for d in map(np.asarray, data)), default=0.0)
+    small = 1.0 if base == "m" else 0.1
+    if not 0 < largest < small:
+        return 1.0, unit
+    return (1e3, "m" + unit) if largest >= 1e-3 * small else (1e6, "µ" + unit)
+
+
+def legend(ax: Axes) -> Axes:
+    """Put the legend above the axes, where no data are, in as many columns as fit."""
+    labels = ax.get_legend_handles_labels()[1]
+    # widths in inches: a letter at 9 points, a line sample with its gaps; new axes grow a little
+    widths = np.array([0.5 + 0.073 * len(label.replace("$", "")) for label in labels])
+    room = 1.1 * ax.get_position().width * figure_of(ax).get_size_inches()[0]
+    for columns in range(len(labels), 0, -1):
+        if columns == 1 or sum(part.max() for part in np.array_split(widths, columns)) <= room:
+            place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
+            ax.legend(ncols=columns, columnspacing=1.4, **place)
+            break
+    return ax

@@ -1,0 +1,231 @@
+"""Reports: what a job found, as tables, branches and figures; and the default job of a problem."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from hbbogie.curves import Curves, Progress, curves, default_interval, silent
+from hbbogie.errors import ModelError
+from hbbogie.figures import Figures, curve_figures, cycle_figures, linear
+from hbbogie.results import Branch, Orbit
+from hbbogie.system import System
+from hbbogie.tables import (
+    Table,
+    backbone_table,
+    branches_table,
+    cycles_table,
+    family_value,
+    largest_multiplier,
+    plain,
+    special_table,
+)
+
+__all__ = ["Progress", "Report", "Table", "check_directory", "default_study", "study"]
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What a job found.
+
+    Attributes
+    ----------
+    title : str
+    tables : tuple of Table
+    branches : dict of Branch
+        By the stem of the file each is saved to.
+    figures : dict of functions without arguments that draw and return a matplotlib figure
+        By the stem of the file each is saved to.
+    notes : tuple of str
+        Sentences.
+    data : dict
+        Anything else for the JSON document.
+    long_tables : tuple of Table
+        Written like the others, but not shown.
+    """
+
+    title: str
+    tables: tuple[Table, ...] = ()
+    branches: dict[str, Branch] = field(default_factory=dict)
+    figures: Figures = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    data: dict[str, Any] = field(default_factory=dict)
+    long_tables: tuple[Table, ...] = ()
+
+    def write(self, directory: str | Path, progress: Progress = silent) -> list[Path]:
+        """Write branches as NetCDF, tables as CSV and figures as PNG; return the files written.
+
+        Parameters
+        ----------
+        directory : str or path
+            Made where it does not exist.
+        progress : callable
+            Called with (message, fraction done).
+
+        Raises
+        ------
+        ModelError
+            When the directory cannot be made or written.
+        """
+        folder, files = check_directory(directory), []
+        for name, branch in self.branches.items():
+            files.append(folder / f"{name}.nc")
+            branch.save(files[-1])
+        for table in (*self.tables, *self.long_tables):
+            files.append(folder / f"{table.name}.csv")
+            table.to_csv(files[-1])
+        for i, (name, draw) in enumerate(self.figures.items()):
+            from hbbogie import plot
+
+            progress(f"drawing {name}", i / len(self.figures))
+            files.append(plot.save(draw(), folder / f"{name}.png"))
+        return files
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything but the figures for JSON."""
+        return {
+            "title": self.title,
+            "notes": list(self.notes),
+            "tables": [table.as_dict() for table in self.tables],
+            "branches": {name: _branch_dict(branch) for name, branch in self.branches.items()},
+            "data": plain(self.data),
+        }
+
+
+def _branch_dict(b: Branch) -> dict[str, Any]:
+    keep = ("kind", "parameter", "value", "interval", "omega", "status")
+    special = [{name: getattr(s, name) for name in keep} for s in b.special]
+    peaks = {c: b.amplitude(c) for c in b.orbits[0].coordinates}
+    content = {"parameter": b.parameter, "values": b.values, "omega_rad_s": b.omega, "amplitude": peaks}
+    return plain({**content, "stability": b.verdicts, "special": special, "ends": b.ends})  # type: ignore[no-any-return]
+
+
+def check_directory(path: str | Path) -> Path:
+    """Make a directory where it does not exist, and try whether files can be written there.
+
+    Raises
+    ------
+    ModelError
+        When it cannot be made or written.
+    """
+    folder = Path(path).expanduser()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ModelError(
+            f"cannot write to the directory {os.fspath(path)!r}: {reason}; "
+            "give a directory that can be made or written."
+        ) from error
+    return folder
+
+
+def study(module: ModuleType, system: System, progress: Progress = silent) -> Report:
+    """Do the job of a problem: its own where the module has a function ``study``, else the default one.
+
+    Parameters
+    ----------
+    module : module
+        As returned by `load_problem`; its ``study(system, progress)`` returns a `Report`.
+    system : System
+    progress : callable
+        Called with (message, fraction done or None).
+
+    Raises
+    ------
+    ModelError
+        When the module's ``study`` is no function or does not return a report.
+    """
+    own = getattr(module, "study", None)
+    if own is None:
+        return default_study(module, system, progress)
+    where = f"problem {getattr(module, '__file__', None) or module.__name__!r}"
+    if not callable(own):
+        raise ModelError(f"{where}: study is of type {type(own).__name__}; it must be a function.")
+    report = own(system, progress)
+    if not isinstance(report, Report):
+        kind = type(report).__name__
+        raise ModelError(f"{where}: study() returned an object of type {kind}; it must return a Report.")
+    return report
+
+
+# --- the default job --------------------------------------------------------------------------
+
+
+def default_study(module: ModuleType, system: System, progress: Progress = silent) -> Report:
+    """Find the cycles at the system's parameter values and the curves of cycles over the problem's range.
+
+    Parameters
+    ----------
+    module : module
+        Its PARAMETER and RANGE say which curves.
+    system : System
+    progress : callable
+        Called with (message, fraction done or None).
+    """
+    parameter, interval = default_interval(module, system, None)
+    found = curves(system, parameter, interval, progress=progress)
+    report = report_of_curves(system, found)
+    if not found.cycles:
+        return report
+    here = report_of_cycles(system, parameter, found.cycles)
+    tables, figures = (*here.tables, *report.tables), {**report.figures, **here.figures}
+    data = {**report.data, **here.data}
+    return Report(report.title, tables, report.branches, figures, report.notes, data)
+
+
+def report_of_cycles(system: System, parameter: str, cycles: list[Orbit]) -> Report:
+    """Return table, branches of one cycle each, figures and notes of the cycles at the system's values."""
+    at = quantity(system, parameter, system.values[parameter])
+    summaries = [{**o.summary(), "largest_multiplier": largest_multiplier(o)} for o in cycles]
+    data = {"parameters": dict(system.values), "cycles": summaries}
+    if not cycles:
+        text = (
+            f"No cycle found at {at}: no branch from a Hopf point passes there, and motions from states of "
+            "several sizes do not settle on one."
+        )
+        return Report(system.name, notes=(text,), data=data)
+    table = cycles_table(cycles, f"{system.name}: cycles at {at}")
+    saved = {f"cycle_{i + 1}": Branch((o,), parameter) for i, o in enumerate(cycles)}
+    return Report(system.name, (table,), saved, cycle_figures(cycles, system), (), data)
+
+
+def report_of_curves(system: System, found: Curves) -> Report:
+    """Return tables, figures and notes of the curves of cycles over a parameter."""
+    parameter, q = found.parameter, system.coordinate_names[0]
+    unit = system.parameter(parameter).unit
+    points = [*found.hopf, *(s for b in found.branches.values() for s in b.special)]
+    where = f"between {parameter} = {found.interval[0]:g} and {quantity(system, parameter, found.interval[1])}"
+    notes = list(found.notes)
+    tables: list[Table] = []
+    if points:
+        tables.append(special_table(points, parameter, unit, q))
+    if not found.hopf:
+        notes.append(f"The equilibrium has no Hopf point {where}.")
+    if found.branches:
+        tables.append(branches_table(found.branches, unit, q))
+    elif not found.families:
+        notes.append(f"No branch of cycles was found {where}.")
+    for name, family in found.families.items():
+        there = f"At {quantity(system, parameter, family_value(family))} there are cycles of every amplitude"
+        if linear(family):
+            notes.append(f"{there} and of one frequency, {family.omega[0]:.7g} rad/s.")
+            continue
+        tables.append(backbone_table(name, family, q))
+        notes.append(f"{there}, as in a conservative system: see the table {name} for their frequency.")
+    data = {"parameters": dict(system.values), "parameter": parameter, "interval": found.interval}
+    data["hopf_points"] = [{"value": s.value, "omega_rad_s": s.omega, "status": s.status} for s in found.hopf]
+    saved = {**found.branches, **{k: b for k, b in found.families.items() if not linear(b)}}
+    return Report(system.name, tuple(tables), saved, curve_figures(system, found), tuple(notes), data)
+
+
+def quantity(system: System, parameter: str, value: float) -> str:
+    """Return a parameter value as text, such as "V = 90 m/s"."""
+    unit = system.parameter(parameter).unit
+    return f"{parameter} = {value:.7g}{'' if unit in ('', '1') else ' ' + unit}"

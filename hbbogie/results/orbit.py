@@ -1,0 +1,288 @@
+"""Orbits and their stability, and how they are laid out in a labelled dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hbbogie import fourier
+from hbbogie.errors import ModelError, unknown_name
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Stability:
+    """Floquet multipliers of a cycle, or eigenvalues' exponentials of an equilibrium, and the verdict.
+
+    Attributes
+    ----------
+    verdict : {"stable", "unstable", "unknown"}
+    multipliers : ndarray of complex, shape (n_states,)
+        Largest modulus first; for a cycle the trivial one is among them.
+    trivial_error : float
+        Distance of the nearest multiplier from 1 (0 for an equilibrium).
+    unstable : int
+        Number of multipliers outside the unit circle, the trivial one not counted.
+    reason : str
+        Why the verdict is what it is, a sentence.
+    """
+
+    verdict: str
+    multipliers: NDArray[np.complex128]
+    trivial_error: float
+    unstable: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A periodic motion, or an equilibrium (H = 0), as Fourier coefficients.
+
+    ``q(t) = c[0] + sum_h c[2 h - 1] cos(h omega t) + c[2 h] sin(h omega t)``
+
+    Attributes
+    ----------
+    system : str
+        Name of the system.
+    coordinates, units : tuple of str
+        Names and units of the n coordinates.
+    coefficients : ndarray, shape (2 H + 1, n), unit of the coordinate
+    omega : float, rad/s
+    parameters : dict
+        Value of every parameter of the system.
+    method : str
+        How it was computed.
+    residual : float
+        Largest scaled residual of the method's equations.
+    status : str
+        A sentence on how the solve ended.
+    stability : Stability or None
+        None where it was not asked for.
+    """
+
+    system: str
+    coordinates: tuple[str, ...]
+    units: tuple[str, ...]
+    coefficients: Array
+    omega: float
+    parameters: dict[str, float]
+    method: str = ""
+    residual: float = float("nan")
+    status: str = ""
+    stability: Stability | None = None
+
+    @property
+    def H(self) -> int:
+        """Highest harmonic."""
+        return fourier.highest(self.coefficients)
+
+    @property
+    def period(self) -> float:
+        """Period 2 pi / omega [s]; infinite for an equilibrium."""
+        return 2 * np.pi / self.omega if self.omega else float("inf")
+
+    @property
+    def frequency(self) -> float:
+        """Frequency omega / (2 pi) [Hz]."""
+        return self.omega / (2 * np.pi)
+
+    def index(self, coordinate: str) -> int:
+        """Return the place of a coordinate, by its name."""
+        if coordinate not in self.coordinates:
+            raise ModelError(f"orbit of {self.system!r}: {unknown_name('coordinate', coordinate, self.coordinates)}")
+        return self.coordinates.index(coordinate)
+
+    def amplitude(self, coordinate: str) -> float:
+        """Return the peak, the largest absolute value over the period, of a coordinate [its unit]."""
+        low, high = fourier.extremes(self.coefficients[:, [self.index(coordinate)]])
+        return float(max(-low[0], high[0]))
+
+    def first_harmonic(self, coordinate: str) -> float:
+        """Return the amplitude of the first harmonic of a coordinate [its unit]; 0 for an equilibrium."""
+        return float(np.hypot(*self.coefficients[1:3, self.index(coordinate)])) if self.H else 0.0
+
+    def spectrum(self, coordinate: str) -> Array:
+        """Return the amplitude of each harmonic 0 ... H of a coordinate, shape (H + 1,) [its unit]."""
+        c = self.coefficients[:, self.index(coordinate)]
+        return np.r_[abs(c[0]), np.hypot(c[1::2], c[2::2])]
+
+    @property
+    def tail(self) -> float:
+        """Largest coefficient of the four highest harmonics, relative to the largest of all [1].
+
+        A hint whether the harmonics kept resolve the motion; 0 for an equilibrium.
+        """
+        moving = np.abs(self.coefficients[1:])
+        return float(moving[-8:].max() / moving.max()) if self.H and moving.max() > 0 else 0.0
+
+    def q(self, t: ArrayLike) -> Array:
+        """Return the coordinates at the times t [s], shape (len(t), n)."""
+        return fourier.synthesis(self.H, self.omega * np.atleast_1d(t)) @ self.coefficients
+
+    def v(self, t: ArrayLike) -> Array:
+        """Return the velocities at the times t [s], shape (len(t), n)."""
+        return self.omega * fourier.synthesis(self.H, self.omega * np.atleast_1d(t), 1) @ self.coefficients
+
+    def replace(self, **changes: Any) -> Orbit:
+        """Return the orbit with some fields changed."""
+        return replace(self, **changes)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the main numbers: frequency, period, peaks, first harmonics, parameters, verdict."""
+        return {
+            "system": self.system,
+            "method": self.method,
+            "status": self.status,
+            "omega_rad_s": self.omega,
+            "frequency_Hz": self.frequency,
+            "period_s": self.period,
+            "amplitude": {c: self.amplitude(c) for c in self.coordinates},
+            "first_harmonic": {c: self.first_harmonic(c) for c in self.coordinates},
+            "unit": dict(zip(self.coordinates, self.units, strict=True)),
+            "stability": self.stability.verdict if self.stability else None,
+            "multipliers": [[m.real, m.imag] for m in self.stability.multipliers.tolist()] if self.stability else None,
+            "residual": self.residual,
+            "tail": self.tail,
+            "parameters": dict(self.parameters),
+        }
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the orbit as a labelled dataset."""
+        import xarray as xr
+
+        data, attributes = pack([self], "point")
+        return xr.Dataset(data, labels_of(self), attributes)
+
+    def save(self, path: str | Path) -> None:
+        """Write the orbit to a NetCDF file."""
+        write(self.to_dataset(), path)
+
+    @staticmethod
+    def load(path: str | Path) -> Orbit:
+        """Read an orbit from a NetCDF file written by `save`.
+
+        Raises
+        ------
+        ModelError
+            When the file is not there or was not written by `save`.
+        """
+        return read(path, lambda data: unpack(data)[0])
+
+
+def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the variables of orbits of one system, padded to one highest harmonic, and the attributes."""
+    H = max(o.H for o in orbits)
+    first = orbits[0]
+    row = "row" if not prefix else prefix + "row"
+    stack = np.array([fourier.resize(o.coefficients, H) for o in orbits])
+    data: dict[str, Any] = {
+        "coefficients": ((dimension, row, "coordinate"), stack, {"layout": "mean, cos 1, sin 1, cos 2, ..."}),
+        "highest_harmonic": (dimension, [o.H for o in orbits]),
+        "omega": (dimension, [o.omega for o in orbits], {"units": "rad/s"}),
+        "parameters": ((dimension, "parameter"), [list(o.parameters.values()) for o in orbits]),
+        "amplitude": (
+            (dimension, "coordinate"),
+            [[o.amplitude(c) for c in o.coordinates] for o in orbits],
+            {"long_name": "largest absolute value over the period"},
+        ),
+        "residual": (dimension, [o.residual for o in orbits]),
+        "method": (dimension, np.array([o.method for o in orbits], dtype=str)),
+        "status": (dimension, np.array([o.status for o in orbits], dtype=str)),
+    }
+    if any(o.stability for o in orbits):
+        count = max(len(o.stability.multipliers) for o in orbits if o.stability)
+        multipliers = np.full((len(orbits), count), np.nan, dtype=complex)
+        for i, o in enumerate(orbits):
+            if o.stability:
+                multipliers[i, : len(o.stability.multipliers)] = o.stability.multipliers
+        judged = [o.stability for o in orbits]
+        data |= {
+            "stability": (dimension, np.array([s.verdict if s else "" for s in judged], dtype=str)),
+            "stability_reason": (dimension, np.array([s.reason if s else "" for s in judged], dtype=str)),
+            "trivial_error": (dimension, [s.trivial_error if s else np.nan for s in judged]),
+            "unstable": (dimension, [s.unstable if s else -1 for s in judged]),
+            "multipliers_real": ((dimension, prefix + "multiplier"), multipliers.real),
+            "multipliers_imaginary": ((dimension, prefix + "multiplier"), multipliers.imag),
+        }
+    attributes = {"system": first.system, "units": json.dumps(first.units)}
+    return {prefix + name: value for name, value in data.items()}, attributes
+
+
+def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
+    """Return the orbits that `_pack` put into a dataset."""
+    get = {name: data[prefix + name].values for name in ("coefficients", "highest_harmonic", "omega", "parameters")}
+    coordinates = tuple(str(c) for c in data["coordinate"].values)
+    names = [str(p) for p in data["parameter"].values]
+    units = tuple(json.loads(data.attrs["units"]))
+    orbits = []
+    for i in range(len(get["omega"])):
+        stability = None
+        if prefix + "stability" in data and str(data[prefix + "stability"].values[i]):
+            multipliers = (
+                data[prefix + "multipliers_real"].values[i] + 1j * data[prefix + "multipliers_imaginary"].values[i]
+            )
+            stability = Stability(
+                str(data[prefix + "stability"].values[i]),
+                multipliers[~np.isnan(multipliers)],
+                float(data[prefix + "trivial_error"].values[i]),
+                int(data[prefix + "unstable"].values[i]),
+                str(data[prefix + "stability_reason"].values[i]),
+            )
+        orbits.append(
+            Orbit(
+                str(data.attrs["system"]),
+                coordinates,
+                units,
+                fourier.resize(get["coefficients"][i], int(get["highest_harmonic"][i])),
+                float(get["omega"][i]),
+                dict(zip(names, map(float, get["parameters"][i]), strict=True)),
+                str(data[prefix + "method"].values[i]),
+                float(data[prefix + "residual"].values[i]),
+                str(data[prefix + "status"].values[i]),
+                stability,
+            )
+        )
+    return orbits
+
+
+def labels_of(orbit: Orbit) -> dict[str, list[str]]:
+    """Return the labels of the dimensions of a dataset of orbits."""
+    return {"coordinate": list(orbit.coordinates), "parameter": list(orbit.parameters)}
+
+
+def write(data: xr.Dataset, path: str | Path) -> None:
+    """Write a dataset to a NetCDF file; raise `ModelError` when its directory does not exist."""
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise ModelError(f"cannot write {str(target)!r}: the directory {str(target.parent)!r} does not exist; make it.")
+    data.to_netcdf(target, engine="h5netcdf")
+
+
+def read(path: str | Path, take: Callable[[xr.Dataset], T]) -> T:
+    """Return what ``take`` makes of the dataset in a NetCDF file.
+
+    Raises
+    ------
+    ModelError
+        When the file is not there or does not hold what was looked for.
+    """
+    import xarray as xr
+
+    if not Path(path).is_file():
+        raise ModelError(f"no file {str(path)!r}; give a NetCDF file written by this package.")
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as data:
+            return take(data.load())
+    except (KeyError, OSError, ValueError) as error:
+        raise ModelError(f"{str(path)!r} does not hold what was saved by this package: {error}") from error

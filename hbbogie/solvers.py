@@ -1,0 +1,324 @@
+"""Solving the equations of a cycle: Newton's method from warm starts, IPOPT as the safety net."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.equations import Equations
+from hbbogie.errors import ConvergenceError, ModelError, unknown_name
+from hbbogie.results import Orbit
+
+Array = NDArray[np.float64]
+NEWTON_ITERATIONS, HALVINGS = 20, 5
+FARTHEST = 100.0  # distance a free parameter may go, in units of its first value
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What is solved for besides the cycle: free parameters and a prescribed first-harmonic amplitude.
+
+    Attributes
+    ----------
+    free : tuple of int
+        Places of the free parameters in the parameter vector.
+    amplitude : int or None
+        Coordinate whose first-harmonic amplitude is prescribed.
+    """
+
+    free: tuple[int, ...] = ()
+    amplitude: int | None = None
+
+
+class Problem:
+    """The equations with their conditions as a scaled root-finding problem in y = (z, p[free]).
+
+    Parameters
+    ----------
+    equations : Equations
+    conditions : Conditions
+    p : ndarray, shape (number of parameters,)
+        Values of all parameters; those of the free ones are where the search begins.
+    target : float, unit of the coordinate
+        The prescribed first-harmonic amplitude.
+    """
+
+    def __init__(self, equations: Equations, conditions: Conditions, p: Array, target: float = 0.0):
+        self.equations, self.conditions, self.p, self.target = equations, conditions, p, target
+        self.free = list(conditions.free)
+        bounds = [equations.system.parameters[i].bounds for i in self.free]
+        size = np.where(p[self.free] == 0, 1.0, np.abs(p[self.free]))
+        self.scale = np.concatenate([equations.scale, size])
+        reach = FARTHEST * size  # a free parameter that goes on for ever is no answer either
+        self.lower = np.concatenate([equations.lower, np.maximum([b[0] for b in bounds], p[self.free] - reach)])
+        self.upper = np.concatenate([equations.upper, np.minimum([b[1] for b in bounds], p[self.free] + reach)])
+        self.row_scale = equations.residual_scale
+        self.rows = equations.rows
+        if conditions.amplitude is not None:
+            self.row_scale = np.append(self.row_scale, target)
+            self.rows = (*self.rows, "prescribed amplitude")
+        self._jacobian = equations.derivatives(conditions.free)
+
+    def parameters(self, y: Array) -> Array:
+        """Return the parameter vector that belongs to y."""
+        p = self.p.copy()
+        p[self.free] = y[self.equations.size :]
+        return p
+
+    def evaluate(self, y: Array) -> tuple[Array, Array]:
+        """Return the residual and its Jacobian with respect to y."""
+        z, p = y[: self.equations.size], self.parameters(y)
+        F, J = (m.full() for m in self._jacobian(z, p))
+        F = F.ravel()
+        if self.conditions.amplitude is not None:
+            g, dg = _amplitude(self.equations, self.conditions)(z, p)
+            F, J = np.append(F, float(g) - self.target), np.vstack([J, dg.full()])
+        return F, J
+
+    def orbit(self, y: Array, status: str) -> Orbit:
+        """Return the orbit that belongs to y."""
+        return self.equations.decode(y[: self.equations.size], self.parameters(y), status)
+
+    def violated(self, y: Array, slack: float = 0.0) -> list[str]:
+        """Return labels of the unknowns that lie on or beyond a bound."""
+        names = [*self.equations.unknowns, *(self.equations.system.parameter_names[i] for i in self.free)]
+        low, high = y <= self.lower + slack * self.scale, y >= self.upper - slack * self.scale
+        return [
+            f"{name} at its {'lower' if a else 'upper'} bound"
+            for name, a, b in zip(names, low, high, strict=True)
+            if a or b
+        ]
+
+
+def _amplitude(equations: Equations, conditions: Conditions) -> ca.Function:
+    """Return (z, p) -> first-harmonic amplitude of a coordinate and its derivative in (z, p[free])."""
+
+    def build() -> ca.Function:
+        z, p = ca.MX.sym("z", equations.size), ca.MX.sym("p", equations.residual.size1_in(1))
+        c = equations.coefficients(z, p)[1:3, conditions.amplitude]
+        g = ca.norm_2(c)
+        derivative = [ca.jacobian(g, z)] + [ca.jacobian(g, p)[:, i] for i in conditions.free]
+        return ca.Function("amplitude", [z, p], [g, ca.horzcat(*derivative)])
+
+    return equations.once(("amplitude", conditions), build)
+
+
+def newton(problem: Problem, y: Array, tolerance: float) -> tuple[Array, float, int]:
+    """Newton's method with step halving.
+
+    Returns
+    -------
+    y : ndarray, shape (m,)
+        The last iterate, the best one.
+    error : float
+        Its largest scaled residual; at most ``tolerance`` when converged.
+    iterations : int
+    """
+    F, J = problem.evaluate(y)
+    error = float(np.abs(F / problem.row_scale).max())
+    for iteration in range(NEWTON_ITERATIONS):
+        if error <= tolerance or not np.isfinite(error):
+            return y, error, iteration
+        try:
+            step = np.linalg.solve(J / problem.row_scale[:, None] * problem.scale, F / problem.row_scale)
+        except np.linalg.LinAlgError:
+            return y, error, iteration
+        for halving in range(HALVINGS):
+            trial = y - 0.5**halving * problem.scale * step
+            F, J = problem.evaluate(trial)
+            new = float(np.abs(F / problem.row_scale).max())
+            if new < error:
+                break
+        else:
+            return y, error, iteration
+        y, error = trial, new
+    return y, error, NEWTON_ITERATIONS
+
+
+def _ipopt(problem: Problem) -> ca.Function:
+    """Return the NLP solver for the problem's conditions, built once: scaled unknowns, exact derivatives."""
+    equations, conditions = problem.equations, problem.conditions
+
+    def build() -> ca.Function:
+        m, n_p, n_y = equations.size, len(problem.p), len(problem.scale)
+        x = ca.MX.sym("x", n_y)
+        # parameters of the NLP: p, the scales of unknowns and rows, the prescribed amplitude
+        parts = [ca.MX.sym(n, k) for n, k in (("p", n_p), ("scale", n_y), ("rows", len(problem.rows)), ("target", 1))]
+        p, scale, rows, target = parts
+        theta = ca.vertcat(*parts)
+        y, p_free = x * scale, ca.MX(p)
+        for k, i in enumerate(conditions.free):
+            p_free[i] = y[m + k]
+        F, J = equations.derivatives(conditions.free)(y[:m], p_free)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(problem.rows))
+        weights = lam_g / rows
+        H = equations.hessian(conditions.free)(y[:m], p_free, weights[:m])
+        if conditions.amplitude is not None:
+            g, dg = _amplitude(equations, conditions)(y[:m], p_free)
+            F, J = ca.vertcat(F, g - target), ca.vertcat(J, dg)
+        J = J * ca.repmat(scale.T, J.shape[0], 1) / ca.repmat(rows, 1, n_y)
+        H = ca.triu(H * ca.mtimes(scale, scale.T))
+        options: dict[str, Any] = {
+            "print_time": False,
+            "jac_g": ca.Function("jac_g", [x, theta], [F / rows, J], ["x", "p"], ["g", "jac_g_x"]),
+            "hess_lag": ca.Function("hess_lag", [x, theta, lam_f, lam_g], [H], ["x", "p", "lam_f", "lam_g"], ["h"]),
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "max_iter": 300,
+                "tol": 1e-10,
+                "constr_viol_tol": 1e-10,
+                "mu_init": 1e-4,  # starts are guesses worth keeping: little push towards the middle
+                "bound_push": 1e-8,
+                "bound_frac": 1e-8,
+                "nlp_scaling_method": "none",  # the problem is scaled already
+            },
+        }
+        return ca.nlpsol("cycle", "ipopt", {"x": x, "p": theta, "f": ca.MX(0), "g": F / rows}, options)
+
+    return equations.once(("ipopt", conditions), build)
+
+
+def _by_ipopt(problem: Problem, y: Array) -> tuple[Array, dict[str, Any]]:
+    solver = _ipopt(problem)
+    theta = np.concatenate([problem.p, problem.scale, problem.row_scale, [problem.target]])
+    result = solver(
+        x0=y / problem.scale,
+        p=theta,
+        lbg=0,
+        ubg=0,
+        lbx=problem.lower / problem.scale,
+        ubx=problem.upper / problem.scale,
+    )
+    statistics = solver.stats()
+    return result["x"].full().ravel() * problem.scale, {
+        "return_status": statistics["return_status"],
+        "iterations": statistics["iter_count"],
+    }
+
+
+def solve(
+    equations: Equations,
+    guess: Orbit,
+    *,
+    free: str | None = None,
+    amplitude: Mapping[str, float] | None = None,
+    method: str = "auto",
+    tolerance: float = 1e-10,
+    **fixed: float,
+) -> Orbit:
+    """Solve for a cycle, at given parameters or at a given amplitude with one parameter unknown.
+
+    Parameters
+    ----------
+    equations : Equations
+        From `HarmonicBalance(...).equations(system)` or another method.
+    guess : Orbit
+        Where the search begins; its parameter values are not used, but for that of ``free``.
+    free : str, optional
+        Name of the parameter to be found; asks for ``amplitude``.
+    amplitude : mapping of one coordinate name to float, optional
+        First-harmonic amplitude of that coordinate, in its unit.
+    method : {"auto", "newton", "ipopt"}
+        "auto" tries Newton's method first and goes to IPOPT, which keeps to the bounds, when that fails.
+    tolerance : float
+        Largest scaled residual accepted.
+    **fixed : float
+        Parameter values; those not named are the values of the equations' system.
+
+    Returns
+    -------
+    Orbit
+
+    Raises
+    ------
+    ConvergenceError
+        With the last iterate, the worst equation, the active bounds and what to try.
+    ModelError
+        For an unknown parameter or coordinate, or conditions that do not fit together.
+
+    Examples
+    --------
+    ``solve(balance, guess, V=100.0)``; ``solve(balance, guess, amplitude={"q1": 0.0104}, free="V")``
+    """
+    if method not in ("auto", "newton", "ipopt"):
+        raise ModelError(f"solve: {unknown_name('method', method, ('auto', 'newton', 'ipopt'))}")
+    conditions, target = _conditions(equations, free, amplitude, fixed)
+    p = equations.system.vector(**fixed)
+    for i in conditions.free:
+        p[i] = guess.parameters.get(equations.system.parameter_names[i], p[i])
+    problem = Problem(equations, conditions, p, target)
+    start = np.concatenate([equations.encode(guess), p[problem.free]])
+    statistics: dict[str, Any] = {}
+    y = start
+    if method != "ipopt":
+        y, error, iterations = newton(problem, start, tolerance)
+        if error <= tolerance and not problem.violated(y):
+            return problem.orbit(y, f"converged by Newton's method in {iterations} iterations")
+        statistics = {
+            "return_status": "Newton's method did not converge within the bounds",
+            "iterations": iterations,
+        }
+    if method != "newton":
+        y, statistics = _by_ipopt(problem, np.clip(start, problem.lower, problem.upper))
+        polished, error, _ = newton(problem, y, tolerance)
+        if error <= tolerance and not problem.violated(polished, 1e-9):
+            return problem.orbit(polished, f"converged by IPOPT in {statistics['iterations']} iterations")
+    raise _failure(problem, y, statistics)
+
+
+def _conditions(
+    equations: Equations, free: str | None, amplitude: Mapping[str, float] | None, fixed: Mapping[str, float]
+) -> tuple[Conditions, float]:
+    system = equations.system
+    if (free is None) != (amplitude is None):
+        raise ModelError(
+            f"solve: got free={free!r} and amplitude={amplitude!r}; give both (the amplitude to reach and the "
+            "parameter to find) or neither."
+        )
+    if free is None or amplitude is None:
+        return Conditions(), 0.0
+    if len(amplitude) != 1:
+        raise ModelError(f"solve: amplitude={dict(amplitude)!r}; give one coordinate, such as {{'q1': 0.01}}.")
+    if free in fixed:
+        raise ModelError(f"solve: parameter {free!r} is asked to be both free and fixed; leave one out.")
+    (name, value), _ = next(iter(amplitude.items())), system.parameter(free)
+    if not np.isfinite(value) or value <= 0:
+        raise ModelError(f"solve: amplitude of {name!r} is {value!r}; give a positive number.")
+    if equations.phase is None:
+        raise ModelError("solve: an equilibrium (harmonics 0) has no amplitude; ask for at least one harmonic.")
+    return Conditions((system.parameter_names.index(free),), system.index(name)), float(value)
+
+
+def _failure(problem: Problem, y: Array, statistics: dict[str, Any]) -> ConvergenceError:
+    F, _ = problem.evaluate(y)
+    scaled = np.abs(F / problem.row_scale)
+    worst, bounds = (
+        int(np.nanargmax(np.where(np.isfinite(scaled), scaled, np.inf))),
+        problem.violated(y, 1e-6),
+    )
+    small = any("lower bound" in b and "cosine of harmonic 1" in b for b in bounds)
+    advice = (
+        "the cycle shrank to the equilibrium: there may be no cycle at these parameters; look where cycles exist with "
+        "find_cycles or trace"
+        if small
+        else "there may be no cycle here, or the guess is too far: go there in smaller steps with trace, start from "
+        "find_cycles, or take fewer harmonics first"
+    )
+    at = {
+        problem.equations.system.parameter_names[i]: y[problem.equations.size + k] for k, i in enumerate(problem.free)
+    }
+    text = (
+        f"no cycle found ({problem.equations.method}; {statistics.get('return_status', 'stopped')} after "
+        f"{statistics.get('iterations', 0)} iterations). Worst: {problem.rows[worst]}, scaled residual "
+        f"{scaled[worst]:.2e}. Active bounds: {', '.join(bounds) or 'none'}."
+        + (f" Last value of {', '.join(f'{k} = {v:g}' for k, v in at.items())}." if at else "")
+        + f" What to try: {advice}."
+    )
+    statistics |= {"worst": problem.rows[worst], "residual": float(scaled[worst]), "active_bounds": bounds}
+    return ConvergenceError(text, problem.orbit(y, "did not converge"), statistics)

@@ -1,0 +1,216 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hbbogie
+from hbbogie import Branch
+from hbbogie.cli import app
+
+matplotlib.use("Agg")
+PNG = b"\x89PNG\r\n\x1a\n"
+runner = CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # commands write to ./out where nothing else is said
+
+
+def call(*args):
+    return runner.invoke(app, [str(a) for a in args])
+
+
+def process(*args, **options):
+    environment = os.environ | {"PYTHONPATH": str(Path(hbbogie.__file__).parent.parent), "PYTHONWARNINGS": ""}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
+    return subprocess.Popen([sys.executable, "-m", "hbbogie", *args], **pipes, **options)
+
+
+def document(result):
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def test_version():
+    result = call("--version")
+    assert result.exit_code == 0 and result.stdout == f"hbbogie {hbbogie.__version__}\n"
+
+
+def test_start_up_imports_neither_matplotlib_nor_xarray():
+    code = "import sys, hbbogie.cli; print({'matplotlib', 'xarray'} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "set()\n"
+
+
+@pytest.mark.parametrize("command", ["run", "branch", "cycles", "simulate", "plot", "problems"])
+def test_help_has_examples(command):
+    result = call(command, "--help")
+    assert result.exit_code == 0 and f"hbbogie {command} " in result.stdout
+
+
+def test_problems():
+    result = call("problems")
+    assert result.exit_code == 0
+    for name in ("bautin", "duffing", "van_der_pol", "yang1995"):
+        assert name in result.stdout
+    rows = dict(document(call("problems", "--json"))["tables"][0]["rows"])
+    assert "railway bogie" in rows["yang1995"]
+
+
+def test_cycles_of_the_van_der_pol_oscillator():
+    result = call("cycles", "van_der_pol", "--set", "mu=1", "--harmonics", 31, "--json")
+    (cycle,) = document(result)["data"]["cycles"]
+    assert cycle["period_s"] == pytest.approx(6.66328685932313019, rel=1e-6)
+    assert cycle["amplitude"]["x"] == pytest.approx(2.00861986087484314, rel=1e-6)
+    assert cycle["stability"] == "stable" and cycle["largest_multiplier"] == pytest.approx(8.59695e-4, rel=1e-3)
+    assert cycle["parameters"] == {"mu": 1.0}
+
+
+def test_cycles_as_a_table_and_files(tmp_path):
+    result = call("cycles", "bautin", "--output", tmp_path / "files")
+    assert result.exit_code == 0
+    for text in ("omega [rad/s]", "frequency [Hz]", "period [s]", "peak x [1]", "first harmonic y [1]"):
+        assert text in result.stdout
+    assert "unstable" in result.stdout and "looking for cycles" in result.stderr
+    names = {f.name for f in (tmp_path / "files").iterdir()}
+    assert {"cycle_1.nc", "cycle_2.nc", "cycles.csv", "phase_portrait.png"} <= names
+
+
+def test_no_cycle_is_an_answer():
+    result = call("cycles", "bautin", "--set", "mu=-0.3")
+    assert result.exit_code == 0 and "No cycle found at mu = -0.3" in result.stdout
+
+
+def test_run_writes_what_it_lists(tmp_path):
+    listed = document(call("run", "bautin", "--output", tmp_path / "out", "--json"))["files"]
+    assert sorted(listed) == sorted(str(f) for f in (tmp_path / "out").iterdir())
+    for file in map(Path, listed):
+        if file.suffix == ".png":
+            assert file.read_bytes().startswith(PNG) and file.stat().st_size > 5000
+
+
+def test_run_of_a_users_file_with_its_own_study(tmp_path):
+    text = '''"""Mine."""
+from hbbogie import Coordinate, Parameter, System
+from hbbogie.report import Report, Table
+
+def mine(**values):
+    x, k = Coordinate("x", "m"), Parameter("k", 1.0, "N/m")
+    return System("mine", [x], [k], [x.ddot + k * x]).with_parameters(**values)
+
+def study(system, progress):
+    progress("thinking", 0.5)
+    table = Table("answer", "Answer", ("k [N/m]", "what"), ((system.values["k"], None),), (".1f", ""))
+    return Report("mine", (table,), notes=("A note.",))
+
+SYSTEM = mine
+'''
+    (tmp_path / "mine.py").write_text(text)
+    result = call("run", tmp_path / "mine.py", "--set", "k=2.5")
+    assert result.exit_code == 0 and "thinking" in result.stderr
+    assert "k [N/m]" in result.stdout and "2.5" in result.stdout and "A note." in result.stdout
+    assert (tmp_path / "out" / "answer.csv").read_text() == "k [N/m],what\n2.5,\n"
+
+
+def test_branch_and_plot(tmp_path):
+    result = call("branch", "bautin", "--range", -0.3, 0.1, "--no-stability", "--output", tmp_path)
+    assert result.exit_code == 0 and "fold" in result.stdout and "hopf" in result.stdout
+    saved = Branch.load(tmp_path / "branch.nc")
+    assert saved.values.max() == pytest.approx(0.1, abs=1e-9)
+    result = call("plot", tmp_path / "branch.nc", "--coordinate", "y", "--output", tmp_path / "y.png")
+    assert result.exit_code == 0
+    assert (tmp_path / "y.png").read_bytes().startswith(PNG) and (tmp_path / "y.png").stat().st_size > 5000
+    assert call("plot", tmp_path / "branch.nc", "--quantity", "first harmonic").exit_code == 0
+    assert (tmp_path / "branch.png").is_file()
+
+
+def test_plot_of_a_single_cycle(tmp_path):
+    system = hbbogie.load_problem("van_der_pol").van_der_pol()
+    (cycle,) = hbbogie.find_cycles(system)
+    cycle.save(tmp_path / "cycle.nc")
+    assert call("plot", tmp_path / "cycle.nc").exit_code == 0
+    assert (tmp_path / "cycle.png").read_bytes().startswith(PNG)
+
+
+def test_simulate(tmp_path):
+    args = ("--start", "x=0.1", "--start", "x'=0.2", "--duration", 5, "--step", 0.01, "--output", tmp_path)
+    settled = document(call("simulate", "van_der_pol", *args, "--json"))["data"]["settled"]
+    assert settled["kind"] == "cycle"
+    assert settled["omega_rad_s"] == pytest.approx(2 * np.pi / 6.66328685932313019, rel=1e-3)
+    assert settled["amplitude"]["x"] == pytest.approx(2.00861986087484314, rel=1e-3)
+    history = np.genfromtxt(tmp_path / "time_history.csv", delimiter=",", names=True, deletechars="")
+    assert history.dtype.names == ("t_[s]", "x_[1]", "x'_[1/s]")
+    np.testing.assert_allclose(history[0].tolist(), (0.0, 0.1, 0.2), rtol=1e-15)
+    assert len(history) == 501 and (tmp_path / "time_history.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["cycles", "yang1994"], "Did you mean 'yang1995'"),
+        (["cycles", "nowhere.py"], "no problem file"),
+        (["cycles", "yang1995", "--set", "VV=3"], "unknown parameter 'VV'. Did you mean 'V'"),
+        (["cycles", "yang1995", "--set", "V"], "write NAME=VALUE"),
+        (["cycles", "yang1995", "--set", "V=fast"], "'fast' is not a number"),
+        (["cycles", "yang1995", "--set", "V=1", "--set", "V=2"], "given twice"),
+        (["cycles", "yang1995", "--set", "V=-3"], "from 1 to 400 m/s"),
+        (["branch", "yang1995", "--range", "100", "90"], "low < high"),
+        (["branch", "yang1995", "--parameter", "Q"], "unknown parameter 'Q'"),
+        (["simulate", "yang1995", "--start", "q9=1"], "unknown state 'q9'"),
+        (["simulate", "yang1995", "--start", "q1"], "--start 'q1': write NAME=VALUE"),
+        (["simulate", "yang1995", "--method", "euler"], "Allowed: rk4, cvodes"),
+        (["plot", "nofile.nc"], "no file 'nofile.nc'"),
+        (["run", "bautin", "--output", "taken"], "cannot write to the directory 'taken'"),
+    ],
+)
+def test_wrong_input(args, message, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    result = call(*args)
+    assert result.exit_code == 2
+    assert result.stdout == "" and message in result.stderr and "Traceback" not in result.stderr
+    result = call(*args, "--json")
+    assert result.exit_code == 2 and message in json.loads(result.stdout)["error"]
+
+
+def test_wrong_files_and_names_for_plot(tmp_path):
+    (tmp_path / "text.nc").write_text("no NetCDF")
+    assert call("plot", "text.nc").exit_code == 2
+    call("branch", "bautin", "--no-stability", "--output", tmp_path)
+    for option, message in (
+        (("--coordinate", "z"), "unknown coordinate 'z'"),
+        (("--quantity", "mean"), "unknown quantity 'mean'"),
+        (("--output", "figure.xyz"), "ends in .png"),
+    ):
+        result = call("plot", "branch.nc", *option)
+        assert result.exit_code == 2 and message in result.stderr
+
+
+def test_numerical_failure():
+    result = call("simulate", "van_der_pol", "--set", "mu=-1", "--start", "x=5", "--json")
+    assert result.exit_code == 1 and "blew up" in json.loads(result.stdout)["error"]
+
+
+def test_wrong_usage_is_json_too():
+    run = process("cycles", "--json", "--nonsense")
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 2 and "--nonsense" in json.loads(out)["error"] and "--nonsense" in err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+def test_interruption():
+    run = process("simulate", "yang1995", "--duration", "1e4")
+    while "integrating" not in (line := run.stderr.readline()):
+        assert line or run.poll() is None, "the process ended before it began to integrate"
+    time.sleep(0.5)
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 130 and out == "" and "interrupted" in err and "Traceback" not in err

@@ -1,0 +1,77 @@
+"""Laws: their forces at points known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hbbogie as hb
+from hbbogie.ramps import Ramps
+
+
+def _force(law, u):
+    return [float(law.force(x)) for x in u]
+
+
+def test_dead_band():
+    assert _force(hb.DeadBand(2.0, 1.0), (-3, -1, 0, 0.5, 1, 2.5)) == [-4, 0, 0, 0, 0, 3]
+
+
+def test_saturation():
+    assert _force(hb.Saturation(2.0, 1.0), (-3, -0.25, 0.5, 9)) == [-1, -0.5, 1, 1]
+
+
+def test_tabulated_goes_through_its_points_and_on():
+    law = hb.Tabulated((-1.0, 0.0, 2.0), (-3.0, 0.0, 1.0))
+    np.testing.assert_allclose(_force(law, (-2, -1, 0, 1, 2, 4)), [-6, -3, 0, 0.5, 1, 2])
+
+
+def test_cubic_and_polynomial_agree():
+    u = np.linspace(-2, 2, 5)
+    np.testing.assert_allclose(_force(hb.Cubic(3.0, 0.5), u), _force(hb.Polynomial((0, 0.5, 0, 3.0)), u))
+
+
+def test_friction_reaches_its_limit():
+    assert _force(hb.Friction(4.0, 1e-3), (1.0, -1.0)) == pytest.approx([4.0, -4.0], rel=1e-12)
+
+
+def test_coulomb_friction_jumps():
+    assert _force(hb.CoulombFriction(4.0), (1e-9, 0.0, -3.0)) == [4.0, 0.0, -4.0]
+
+
+def test_backlash_keeps_its_force_in_the_play():
+    """k = 2, half the play 1, amplitude 3: held at 4 on the way back until u = 1, then down with u + 1."""
+    law = hb.Backlash(2.0, 1.0)
+    u = np.array([3.0, 2.0, 1.0, 0.0, -3.0])
+    down = law.steady_force(np.arccos(u / 3), 3.0)
+    np.testing.assert_allclose(down, [4, 4, 4, 2, -4], atol=1e-12)
+    np.testing.assert_allclose(law.steady_force(2 * np.pi - np.arccos(u / 3), 3.0), [4, 2, 0, -2, -4], atol=1e-12)
+    np.testing.assert_allclose(law.steady_force(np.linspace(0, 6, 7), 1.0), 0)
+
+
+def test_an_element_keeps_what_its_law_knows():
+    x, k = hb.Coordinate("x"), hb.Parameter("k", 2.0)
+    laws = (hb.DeadBand(k, 1.0), hb.Cubic(0.3, k), hb.Friction(k, 0.1))
+    elements = [hb.Element(f"e{i}", law, x) for i, law in enumerate(laws)]
+    band, cubic, friction = hb.System("s", [x], [k], [x.ddot + sum(elements)], elements).elements
+    at = [e.at(np.array([2.0])) for e in (band, cubic, friction)]
+    assert float(at[0].ramps().force(2.5)) == float(at[0].force(2.5)) == 3.0
+    assert [float(c) for c in at[1].polynomial()] == [0, 2.0, 0, 0.3]
+    assert float(at[1].describing(2.0)) == pytest.approx(2.0 + 0.75 * 0.3 * 4)
+    assert float(at[0].reference_stiffness()) == 2.0
+    assert at[2].ramps() is at[2].polynomial() is at[2].describing(1.0) is at[2].reference_stiffness() is None
+
+
+def test_ramps_with_offset():
+    assert Ramps(((1, 2.0, 1.0),), stiffness=1.0, offset=0.5).force(3.0) == 0.5 + 3.0 + 4.0
+
+
+@pytest.mark.parametrize(("u", "forces"), [((0.0,), (1.0,)), ((0.0, 1.0), (1.0,)), ((1.0, 0.0), (0.0, 1.0))])
+def test_wrong_tables_are_refused(u, forces):
+    with pytest.raises(hb.ModelError, match="Tabulated"):
+        hb.Tabulated(u, forces)
+
+
+def test_a_law_needs_a_force():
+    with pytest.raises(hb.ModelError, match="no method force"):
+        hb.Element("spring", 3.0, hb.Coordinate("x"))

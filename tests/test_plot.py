@@ -1,0 +1,254 @@
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+
+from hbbogie import plot
+from hbbogie.errors import ModelError
+from hbbogie.plot import appearance
+from hbbogie.results import Branch, Orbit, SpecialPoint, Stability, Trajectory
+
+matplotlib.use("Agg")
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    yield
+    plt.close("all")
+
+
+def make_orbit(V=90.0, peak=0.01, verdict=None, H=3, multipliers=(1.0, 0.5)):
+    c = np.zeros((2 * H + 1, 3))
+    c[1] = peak, 0.05 * peak, 0.9 * peak
+    if H >= 3:
+        c[5] = 1e-3 * c[1]
+    stability = None
+    if verdict:
+        outside = int(sum(abs(m) > 1 for m in multipliers))
+        stability = Stability(verdict, np.array(multipliers, complex), 0.0, outside, "made up")
+    units = ("m", "rad", "m")
+    return Orbit("bogie", ("q1", "q2", "q3"), units, c, 27.0 + V / 50, {"V": V}, stability=stability)
+
+
+def fold_branch(verdicts=("unstable",) * 4 + ("stable",) * 4):
+    peak = 0.0098 + 1e-4 * np.array([-7, -5, -3, -1, 1, 3, 5, 7])
+    V = 88.0 + (peak - 0.0098) ** 2 * 1e7
+    orbits = [make_orbit(v, a, s) for v, a, s in zip(V, peak, verdicts, strict=True)]
+    fold = SpecialPoint("fold", "V", 88.0, (87.99, 88.0), make_orbit(88.0, 0.0098), "located")
+    return Branch(tuple(orbits), "V", (fold,))
+
+
+def curves(ax):
+    """The curves of a branch figure: the lines with data that are no points."""
+    return [s for s in ax.lines if len(s.get_xdata()) > 1 and s.get_linestyle() != "None"]
+
+
+def pattern(line):
+    return line.get_linestyle(), line._unscaled_dash_pattern[1]
+
+
+def test_each_verdict_has_its_line():
+    ax = plot.branch(fold_branch(("unstable",) * 3 + ("unknown",) * 2 + ("stable",) * 3))
+    unstable, unknown, stable = curves(ax)
+    assert stable.get_linestyle() == "-"
+    assert pattern(unstable) == ("--", appearance.LINES["unstable"][1])
+    assert pattern(unknown) == ("--", appearance.LINES["unknown"][1])
+    assert [t.get_text() for t in ax.get_legend().get_texts()][:3] == ["stable", "unstable", "unknown"]
+
+
+def test_segments_join_at_the_fold_between_them():
+    unstable, stable = curves(plot.branch(fold_branch()))
+    np.testing.assert_array_equal(unstable.get_xydata()[-1], stable.get_xydata()[0])
+    np.testing.assert_allclose(stable.get_xydata()[0], [88.0, 9.8 * (1 + 1e-3)], rtol=3e-3)
+    assert stable.get_xydata()[0][0] == 88.0
+
+
+def test_segments_join_half_way_where_no_fold_is_near():
+    verdicts = ("unstable",) * 6 + ("stable",) * 2
+    branch = fold_branch(verdicts)
+    unstable, stable = curves(plot.branch(branch))
+    joint = unstable.get_xydata()[-1]
+    np.testing.assert_array_equal(joint, stable.get_xydata()[0])
+    assert joint[0] == pytest.approx((branch.values[5] + branch.values[6]) / 2, rel=1e-12)
+
+
+def test_one_changed_point_and_a_branch_of_one_point_stay_visible():
+    ax = plot.branch(fold_branch(("stable",) * 3 + ("unknown",) + ("stable",) * 4))
+    assert [len(line.get_xdata()) for line in curves(ax)] == [4, 3, 5]
+    ax = plot.branch(Branch((make_orbit(),), "V"))
+    assert ax.lines[0].get_marker() == "o"
+
+
+def test_lengths_are_shown_in_millimetres_and_labels_carry_units():
+    branch = fold_branch()
+    ax = plot.branch(branch, "q3", quantity="first harmonic", parameter_label="speed V [m/s]")
+    assert ax.get_ylabel() == "first harmonic of q3 [mm]"
+    assert ax.get_xlabel() == "speed V [m/s]"
+    assert curves(ax)[0].get_ydata()[0] == pytest.approx(1e3 * branch.first_harmonic("q3")[0], rel=1e-12)
+    trajectory = Trajectory("bogie", ("q1",), ("m",), np.arange(3.0), np.ones((3, 1)), np.zeros((3, 1)))
+    labels = {
+        "[mrad]": plot.branch(branch, "q2"),
+        "[rad/s]": plot.frequency(branch),
+        "[mm]": plot.orbit(branch.orbits[0]),
+        "[mm]; q2 [mrad]": plot.waveform(branch.orbits[0], ["q1", "q3", "q2"]),
+        "of q1 [mm]": plot.spectrum(branch.orbits[0]),
+        "part [1]": plot.multipliers(branch),
+        "[1]": plot.multipliers_along(branch),
+        "q1 [m]": plot.time_history(trajectory),
+    }
+    for unit, ax in labels.items():
+        assert unit in ax.get_ylabel() or unit in ax.get_xlabel(), unit
+        if ax.get_xlabel().startswith("time"):
+            assert ax.get_xlabel() == "time t [s]"
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "expected"),
+    [
+        ("m", 0.03, (1e3, "mm")),
+        ("m", 2.0, (1.0, "m")),
+        ("m", 3e-5, (1e6, "µm")),
+        ("rad", 0.5, (1.0, "rad")),
+        ("rad", 0.02, (1e3, "mrad")),
+        ("m/s", 0.3, (1e3, "mm/s")),
+        ("N", 0.001, (1.0, "N")),
+        ("m", 0.0, (1.0, "m")),
+    ],
+)
+def test_scale(unit, size, expected):
+    assert appearance.scale(unit, [np.array([-size])]) == expected
+
+
+def test_curves_drawn_later_keep_the_unit_of_the_axis():
+    ax = plot.orbit(make_orbit(peak=0.01))
+    plot.orbit(make_orbit(peak=3.0), ax=ax)
+    assert ax.get_xlabel() == "q1 [mm]"
+    assert ax.lines[1].get_xdata().max() == pytest.approx(3000, rel=2e-3)
+
+
+def test_published_points_are_drawn_on_top_in_the_same_unit():
+    published = [("Table 1", [90.0, 91.0], [0.0094, 0.0101], "^")]
+    ax = plot.branch(fold_branch(), published=published)
+    points = next(line for line in ax.lines if line.get_label() == "Table 1")
+    np.testing.assert_allclose(points.get_ydata(), [9.4, 10.1])
+    assert points.get_marker() == "^"
+    assert points.get_zorder() > max(line.get_zorder() for line in ax.lines if line is not points)
+
+
+def test_special_points_are_marked():
+    hopf = SpecialPoint("hopf", "V", 90.97, (90.9, 91.0), make_orbit(90.97, 1.0, H=1), "located")
+    ax = plot.branch(fold_branch(), special=[hopf])
+    marks = {line.get_label(): line.get_xydata()[0] for line in ax.lines if line.get_zorder() == 5}
+    np.testing.assert_allclose(marks["Hopf point (V = 90.97)"], [90.97, 0.0])
+    assert marks["fold (V = 88)"][0] == 88.0
+
+
+def test_several_branches_have_their_own_colours():
+    ax = plot.branch([fold_branch(), fold_branch(("stable",) * 8)], labels=["H = 15", "H = 1"])
+    assert len({line.get_color() for line in curves(ax)}) == 2
+    texts = [t.get_text() for t in ax.get_legend().get_texts()]
+    assert texts[:4] == ["H = 15", "H = 1", "stable", "unstable"]
+
+
+def test_frequency_shows_hertz_on_the_right():
+    ax = plot.frequency(fold_branch())
+    (right,) = ax.child_axes
+    assert right.get_ylabel() == "frequency [Hz]"
+    ax.figure.canvas.draw()
+    np.testing.assert_allclose(right.get_ylim(), np.array(ax.get_ylim()) / (2 * np.pi))
+
+
+def test_phase_portrait_is_the_orbit():
+    o = make_orbit()
+    (line,) = plot.orbit(o).lines
+    q, v = o.q(0.0)[0, 0], o.v(0.0)[0, 0]
+    np.testing.assert_allclose(line.get_xydata()[0], [1e3 * q, 1e3 * v], atol=1e-9)
+    np.testing.assert_allclose(line.get_xydata()[0], line.get_xydata()[-1], atol=1e-9)
+    assert plot.orbit(o, "q1", "q3").get_ylabel() == "q3 [mm]"
+
+
+def test_spectrum_leaves_out_what_vanishes_and_its_reference_lies_above():
+    ax = plot.spectrum(make_orbit(H=5), reference=True)
+    line, reference = ax.lines
+    assert line.get_xdata().tolist() == [1, 3]
+    assert ax.get_yscale() == "log"
+    h = reference.get_xdata()
+    np.testing.assert_allclose(reference.get_ydata() * h**4.0, reference.get_ydata()[0])
+    assert (reference.get_ydata()[[0, 2]] >= line.get_ydata() * (1 - 1e-12)).all()
+
+
+def test_the_trivial_multiplier_is_left_out_of_the_moduli():
+    branch = Branch(
+        tuple(make_orbit(v, multipliers=(1.0, m, 0.2), verdict="stable") for v, m in [(1, 0.6), (2, 1.3)]),
+        "V",
+    )
+    ax = plot.multipliers_along(branch, count=2)
+    largest = next(line for line in ax.lines if line.get_label() == "largest")
+    np.testing.assert_allclose(largest.get_ydata(), [0.6, 1.3])
+    assert ax.get_yscale() == "linear"
+    far = branch.with_orbits([make_orbit(1.0, multipliers=(1.0, 1e4), verdict="unstable")])
+    assert plot.multipliers_along(far).get_yscale() == "log"
+
+
+def test_multipliers_of_one_orbit_tell_inside_from_outside():
+    ax = plot.multipliers(make_orbit(verdict="unstable", multipliers=(1.4, 1.0, 0.3j, -0.3j)))
+    found = {line.get_label(): len(line.get_xdata()) for line in ax.lines if line.get_marker() == "o"}
+    assert found == {"inside": 2, "outside": 1, "trivial": 1}
+
+
+def test_legend_stands_above_the_data():
+    ax = plot.branch(fold_branch(), published=[("a rather long label of a table", [90], [0.01], "o")] * 4)
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_window_extent().y0 >= ax.get_window_extent().y1 - 1
+
+
+def test_wrong_arguments_are_refused():
+    with pytest.raises(ModelError, match="Did you mean 'peak'"):
+        plot.branch(fold_branch(), quantity="peaks")
+    with pytest.raises(ModelError, match="q11"):
+        plot.branch(fold_branch(), "q11")
+    with pytest.raises(ModelError, match="nothing to draw"):
+        plot.branch([])
+    with pytest.raises(ModelError, match="nothing to draw"):
+        plot.orbit([])
+    with pytest.raises(ModelError, match="floquet"):
+        plot.multipliers(make_orbit())
+
+
+def test_an_equilibrium_is_a_point_and_a_level():
+    rest = Orbit("bogie", ("q1",), ("m",), np.array([[0.002]]), 0.0, {"V": 90.0})
+    assert plot.orbit(rest).lines[0].get_xydata().tolist() == [[2.0, 0.0]]
+    assert set(plot.waveform(rest).lines[0].get_ydata()) == {2.0}
+
+
+def test_figures_share_a_page(tmp_path):
+    fig, axes = plt.subplots(2, 2, layout="constrained")
+    branch = fold_branch()
+    plot.branch(branch, ax=axes[0, 0])
+    plot.frequency([branch, branch], ax=axes[0, 1])
+    plot.orbit(branch.orbits[:3], ax=axes[1, 0])
+    plot.multipliers(branch, ax=axes[1, 1])
+    assert plot.save(fig, tmp_path / "page.png").stat().st_size > 10_000
+
+
+def test_save_writes_png_and_closes(tmp_path):
+    ax = plot.orbit(make_orbit())
+    path = plot.save(ax, tmp_path / "orbit")
+    assert path.name == "orbit.png" and path.read_bytes().startswith(b"\x89PNG")
+    assert plt.get_fignums() == []
+    with pytest.raises(ModelError, match="does not exist"):
+        plot.save(plot.orbit(make_orbit()), tmp_path / "no" / "orbit.png")
+
+
+def test_the_session_keeps_its_style():
+    before = dict(matplotlib.rcParams)
+    plot.branch(fold_branch())
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_importing_the_package_does_not_import_matplotlib():
+    code = "import sys, hbbogie; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

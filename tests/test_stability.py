@@ -1,0 +1,225 @@
+"""Floquet multipliers: closed forms, Liouville, order of convergence, the bogie, honest verdicts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hbbogie import Coordinate, Cubic, DeadBand, Element, Parameter, System, fourier
+from hbbogie.errors import ModelError
+from hbbogie.integration import simulate
+from hbbogie.results import Orbit
+from hbbogie.settling import last_orbit, settle
+from hbbogie.stability import floquet
+from problems.yang1995 import bogie
+
+
+def radial(rho: float) -> tuple[System, Orbit]:
+    """Return the radial normal form and its exact cycle: radius sqrt(rho), omega 1."""
+    x, y, r = Coordinate("x"), Coordinate("y"), Parameter("rho", rho)
+    s = x**2 + y**2
+    system = System("radial", [x, y], [r], [x.dot - (r - s) * x + y, y.dot - (r - s) * y - x])
+    c = np.sqrt(rho) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    return system, Orbit(system.name, ("x", "y"), ("", ""), c, 1.0, {"rho": rho})
+
+
+def van_der_pol() -> System:
+    x, mu = Coordinate("x"), Parameter("mu", 1.0)
+    return System("van der Pol", [x], [mu], [x.ddot - mu * (1 - x**2) * x.dot + x])
+
+
+def equilibrium(system: System, **parameters: float) -> Orbit:
+    values = dict(system.with_parameters(**parameters).values)
+    units = tuple(c.unit for c in system.coordinates)
+    return Orbit(system.name, system.coordinate_names, units, np.zeros((1, system.n)), 0.0, values)
+
+
+@pytest.fixture(scope="module")
+def yang() -> System:
+    return bogie()
+
+
+@pytest.fixture(scope="module")
+def hunting(yang: System) -> Orbit:
+    motion = simulate(yang, {"q1": 0.03, "q3": 0.03}, 30.0, method="cvodes", V=90.0)
+    return last_orbit(yang, motion, 45)
+
+
+@pytest.mark.parametrize("rho", [0.01, 0.1, 0.5])
+def test_radial_normal_form(rho: float) -> None:
+    system, orbit = radial(rho)
+    result = floquet(system, orbit)
+    assert result.verdict == "stable" and result.unstable == 0
+    assert result.multipliers[0] == pytest.approx(1.0, abs=1e-9)
+    assert abs(result.multipliers[1]) == pytest.approx(np.exp(-4 * np.pi * rho), rel=1e-6)
+
+
+def test_repelling_cycle_is_unstable() -> None:
+    """Time reversed, the radial normal form repels with exp(+4 pi rho)."""
+    x, y = Coordinate("x"), Coordinate("y")
+    s = x**2 + y**2
+    system = System("reversed", [x, y], [], [x.dot + (0.1 - s) * x - y, y.dot + (0.1 - s) * y + x])
+    c = np.sqrt(0.1) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, -1.0]])
+    result = floquet(system, Orbit(system.name, ("x", "y"), ("", ""), c, 1.0, {}))
+    assert result.verdict == "unstable" and result.unstable == 1
+    assert result.multipliers[0] == pytest.approx(np.exp(0.4 * np.pi), rel=1e-6)
+    assert "1 multiplier(s) outside" in result.reason
+
+
+def test_convergence_is_of_fourth_order() -> None:
+    system, orbit = radial(0.3)
+    exact = np.exp(-4 * np.pi * 0.3)
+    errors = [abs(abs(floquet(system, orbit, steps=n).multipliers[1]) - exact) for n in (16, 32, 64)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.4)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.2)
+
+
+def test_van_der_pol_multiplier_and_liouville() -> None:
+    system = van_der_pol()
+    orbit = last_orbit(system, settle(system, {"x": 1.0}, step=2e-3).trajectory, 61)
+    result = floquet(system, orbit)
+    assert result.verdict == "stable" and result.trivial_error < 1e-7
+    assert result.multipliers[1] == pytest.approx(8.596950636e-4, rel=1e-6)
+    # Liouville by Parseval: the mean of the trace mu (1 - x^2) from the coefficients, no quadrature
+    mean_square = orbit.coefficients[0, 0] ** 2 + 0.5 * (orbit.coefficients[1:, 0] ** 2).sum()
+    assert np.prod(result.multipliers).real == pytest.approx(np.exp(orbit.period * (1 - mean_square)), rel=1e-6)
+
+
+def test_van_der_pol_strongly_contracting_is_not_called_unstable() -> None:
+    system = van_der_pol()
+    orbit = last_orbit(system, settle(system, {"x": 1.0}, step=2e-3, mu=5.0).trajectory, 61)
+    result = floquet(system, orbit)
+    assert result.verdict == "stable" and abs(result.multipliers[1]) < 1e-9
+    coarse = floquet(system, orbit, steps=20)
+    assert coarse.verdict == "unknown" and "take more" in coarse.reason
+
+
+def test_bogie_cycle_at_90_is_stable(yang: System, hunting: Orbit) -> None:
+    result = floquet(yang, hunting)
+    assert result.verdict == "stable" and result.trivial_error < 1e-4
+    fine = floquet(yang, hunting, steps=6000)
+    large = np.abs(fine.multipliers) > 1e-4
+    assert large.sum() > 6
+    assert np.abs(result.multipliers[large] / fine.multipliers[large] - 1).max() < 1e-6
+
+
+def test_no_step_straddles_a_contact(yang: System, hunting: Orbit) -> None:
+    """Fourth order in spite of the kinks: only with the contact times in the mesh."""
+    fine = floquet(yang, hunting, steps=6000).multipliers[1]
+    errors = [abs(floquet(yang, hunting, steps=n).multipliers[1] - fine) for n in (200, 400, 800)]
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx([4.0, 4.0], abs=0.4)
+
+
+def test_multipliers_are_the_decay_of_a_disturbance(yang: System, hunting: Orbit) -> None:
+    """Two motions, 1e-5 rad apart, integrated; their distance in the section q1 = 0 knows the multipliers."""
+    motion = simulate(yang, hunting, 3.0, method="cvodes", V=90.0)
+    names = yang.coordinate_names
+    start = {n: float(x) for n, x in zip(names, motion.q[-1], strict=True)}
+    start |= {f"{n}'": float(x) for n, x in zip(names, motion.v[-1], strict=True)}
+    sections = []
+    for state in (start, start | {"q6": start["q6"] + 1e-5}):
+        m = simulate(yang, state, 10 * hunting.period, method="cvodes", step=5e-4, tolerance=1e-11, V=90.0)
+        sections.append(m.at(m.crossings("q1", 0.0))[0])
+    d = sections[1] - sections[0]
+    # three multipliers govern d from the third crossing on: d[k + 3] = c2 d[k + 2] + c1 d[k + 1] + c0 d[k]
+    rows = np.vstack([d[k : k + 4].T / np.abs(d[k + 3]).max() for k in range(2, 7)])
+    c = np.linalg.lstsq(rows[:, :3], rows[:, 3], rcond=None)[0]
+    seen = np.sort_complex(np.roots(np.r_[1.0, -c[::-1]]))
+    # the disturbance is a thousandth of the motion, and contacts make its growth quadratic
+    assert np.sort_complex(floquet(yang, hunting).multipliers[1:4]) == pytest.approx(seen, rel=2e-3)
+
+
+def test_bogie_orbits_that_are_too_coarse_are_not_judged(yang: System, hunting: Orbit) -> None:
+    rough = hunting.replace(coefficients=fourier.resize(hunting.coefficients, 1))
+    result = floquet(yang, rough)
+    assert result.verdict == "unknown" and "more harmonics" in result.reason
+    assert result.trivial_error > 1e-3
+
+
+@pytest.mark.parametrize(("V", "verdict", "count"), [(90.9, "stable", 0), (91.05, "unstable", 2)])
+def test_bogie_at_rest(yang: System, V: float, verdict: str, count: int) -> None:
+    """The linear critical speed is 90.974 m/s."""
+    result = floquet(yang, equilibrium(yang, V=V))
+    assert (result.verdict, result.unstable, result.trivial_error) == (verdict, count, 0.0)
+    eigenvalues = np.linalg.eigvals(yang.ode_jacobian(0, yang.vector(V=V)).full())
+    assert abs(result.multipliers[0]) == pytest.approx(np.exp(eigenvalues.real.max()), rel=1e-9)
+
+
+def test_bogie_below_contact_is_neutral(yang: System) -> None:
+    """On the vertical line of linear cycles at the linear critical speed two multipliers are 1."""
+    from scipy.optimize import brentq
+
+    def leading(V: float) -> complex:
+        values = np.linalg.eigvals(yang.ode_jacobian(0, yang.vector(V=V)).full())
+        return complex(values[np.argmax(values.real)])
+
+    V = brentq(lambda V: leading(V).real, 90.5, 91.5, xtol=1e-12)
+    values, vectors = np.linalg.eig(yang.ode_jacobian(0, yang.vector(V=V)).full())
+    k = np.argmax(values.real)
+    mode = vectors[:7, k] / vectors[0, k] * 0.008
+    c = np.vstack([np.zeros(7), mode.real, -mode.imag])
+    units = tuple(u.unit for u in yang.coordinates)
+    parameters = dict(yang.values) | {"V": V}
+    orbit = Orbit(yang.name, yang.coordinate_names, units, c, abs(values[k].imag), parameters)
+    result = floquet(yang, orbit)
+    assert result.verdict == "unknown" and "neutral" in result.reason
+    assert np.abs(np.sort(np.abs(result.multipliers - 1))[:2]).max() < 1e-6
+
+
+def test_conservative_cycles_are_neutral() -> None:
+    x, gap = Coordinate("x", "m"), Parameter("delta", 1.0)
+    cubic, spring = Element("cubic", Cubic(1.0, 1.0), x), Element("spring", DeadBand(1.0, gap), x)
+    for system in (
+        System("Duffing", [x], [], [x.ddot + cubic], [cubic]),
+        System("free mass", [x], [gap], [x.ddot + spring], [spring]),
+    ):
+        motion = simulate(system, {"x": 2.0}, 30.0, method="cvodes", step=5e-3, tolerance=1e-11)
+        result = floquet(system, last_orbit(system, motion, 45))
+        assert result.verdict == "unknown" and "conservative" in result.reason
+        assert np.abs(result.multipliers - 1).max() < 2e-2  # a double multiplier: the root of the orbit's error
+
+
+def test_short_contact_between_grid_points_is_found() -> None:
+    """Grazing: a contact of 2e-3 rad still changes the multipliers; closed form by two rotations."""
+    x, k = Coordinate("x"), Parameter("k", 1e4)
+    threshold = np.cos(1e-3)
+    stop = Element("stop", DeadBand(k, threshold), x)
+    system = System("stop", [x], [k], [x.ddot + x + stop], [stop])
+    c = np.array([[0.0], [1.0], [0.0]])
+    orbit = Orbit(system.name, ("x",), ("",), c, 1.0, {"k": 1e4})
+    multipliers = floquet(system, orbit).multipliers
+
+    def turn(w: float, t: float) -> np.ndarray:
+        return np.array([[np.cos(w * t), np.sin(w * t) / w], [-w * np.sin(w * t), np.cos(w * t)]])
+
+    half = turn(np.sqrt(1e4 + 1), 2e-3) @ turn(1.0, np.pi - 2e-3)
+    exact = np.linalg.eigvals(half @ half)
+    assert np.sort_complex(multipliers) == pytest.approx(np.sort_complex(exact), rel=1e-6)
+
+
+def test_an_orbit_that_is_no_equilibrium_is_not_judged() -> None:
+    x = Coordinate("x")
+    system = System("well", [x], [], [x.ddot + x.dot + x - 1])
+    assert floquet(system, equilibrium(system)).verdict == "unknown"
+    at_rest = equilibrium(system).replace(coefficients=np.ones((1, 1)))
+    assert floquet(system, at_rest).verdict == "stable"
+    free = System("free", [x], [], [x.ddot + x])
+    assert "imaginary axis" in floquet(free, equilibrium(free)).reason
+
+
+def test_a_second_speed_builds_nothing(yang: System, hunting: Orbit) -> None:
+    floquet(yang, hunting, steps=512)
+    built = set(yang._built)
+    floquet(yang, hunting.replace(parameters=hunting.parameters | {"V": 91.0}), steps=512)
+    assert set(yang._built) == built
+
+
+def test_wrong_input_is_refused(yang: System, hunting: Orbit) -> None:
+    with pytest.raises(ModelError, match="belongs to"):
+        floquet(van_der_pol(), hunting)
+    with pytest.raises(ModelError, match="steps"):
+        floquet(yang, hunting, steps=0)
+    with pytest.raises(ModelError, match="tolerance"):
+        floquet(yang, hunting, tolerance=0.0)
+    with pytest.raises(ModelError, match="frequency"):
+        floquet(yang, hunting.replace(omega=-1.0))
