@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hbbogie.errors import ModelError
+
 if TYPE_CHECKING:
+    from hbbogie.report import Report
     from hbbogie.system import System
 
 FIGURES = (".png", ".pdf", ".svg")
@@ -94,25 +97,100 @@ def _load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
     return module, system_of(module, **values)
 
 
-# --- commands ---------------------------------------------------------------------------------
-
-
-@command(
-    "hbbogie run yang1995 --output out",
-    "hbbogie run van_der_pol --set mu=2 --json",
-    "hbbogie run my_problem.py",
-)
-def run(name: Problem, output: Output = Path("out"), overrides: Overrides = None, as_json: AsJson = False) -> None:
-    """Do the whole job of a problem: cycles, branches, stability, tables and figures."""
+def _do(name: str, overrides: list[str] | None, output: Path, as_json: bool, job: Callable[..., Report]) -> None:
+    """Load a problem, do a job (module, system, progress) -> Report, write its files and show it."""
     from hbbogie import report
     from hbbogie.terminal import deliver, progress_shown
 
     module, system = _load(name, overrides)
     report.check_directory(output)
     with progress_shown() as progress:
-        found = report.study(module, system, progress)
+        found = job(module, system, progress)
         files = found.write(output, progress)
     deliver(found, files, as_json)
+
+
+# --- commands ---------------------------------------------------------------------------------
+
+
+@command(
+    "hbbogie run yang1995 --output out",
+    "hbbogie run yang1995 --figures paper",
+    "hbbogie run van_der_pol --set mu=2 --json",
+    "hbbogie run my_problem.py",
+)
+def run(
+    name: Problem,
+    output: Output = Path("out"),
+    figures: Annotated[
+        str | None, typer.Option(metavar="paper", help="Draw the figures of the problem's paper instead.")
+    ] = None,
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Do the whole job of a problem: cycles, branches, stability, tables and figures."""
+    from hbbogie import report
+
+    if figures not in (None, "paper"):
+        raise ModelError(f"--figures {figures!r}: the one choice is paper; leave the option out for the whole job.")
+    _do(name, overrides, output, as_json, report.study if figures is None else report.figures_of_paper)
+
+
+@command(
+    "hbbogie compare yang1995",
+    "hbbogie compare yang1995 --methods df1,df2,mhb3,mhb15",
+    "hbbogie compare bautin --methods df1,mhb3 --values -0.2,-0.1,0.1",
+)
+def compare(
+    name: Problem,
+    methods: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Methods, separated by commas: df1, df2, mhb and a harmonic.")
+    ] = None,
+    values: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
+    ] = None,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare methods: describing functions, multi-harmonic balance, and what the problem's paper used."""
+    from hbbogie.comparison_report import comparison_of
+    from hbbogie.terminal import listed
+
+    chosen = methods.split(",") if methods else None
+    at = listed(values, "--values") if values else None
+    _do(name, overrides, output, as_json, lambda module, system, say: comparison_of(module, system, chosen, at, say))
+
+
+@command(
+    "hbbogie identify yang1995",
+    "hbbogie identify yang1995 --theory kalker",
+    "hbbogie identify yang1995 --free f11,f22,f23,f33 --robust",
+)
+def identify(
+    name: Problem,
+    free: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Parameters to identify, separated by commas.")
+    ] = None,
+    theory: Annotated[
+        str | None, typer.Option(metavar="NAME", help="A theory with fewer parameters that the problem knows.")
+    ] = None,
+    robust: Annotated[bool, typer.Option("--robust", help="Take weight from rows far from the others.")] = False,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Identify parameters of a problem from its published cycles, by least squares."""
+    from hbbogie import report
+
+    options = {"free": free.split(",") if free else None, "theory": theory, "robust": robust}
+    _do(
+        name,
+        overrides,
+        output,
+        as_json,
+        lambda module, system, say: report.identification(module, system, say, **options),
+    )
 
 
 @command(

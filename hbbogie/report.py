@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -153,6 +154,30 @@ def study(module: ModuleType, system: System, progress: Progress = silent) -> Re
         kind = type(report).__name__
         raise ModelError(f"{where}: study() returned an object of type {kind}; it must return a Report.")
     return report
+
+
+def figures_of_paper(module: ModuleType, system: System, progress: Progress = silent) -> Report:
+    """Draw the figures of a problem's paper; raise `ModelError` when the problem has no function ``paper``."""
+    return _own(module, "paper", "figures of its paper")(system, progress)
+
+
+def identification(module: ModuleType, system: System, progress: Progress = silent, **options: Any) -> Report:
+    """Identify parameters from a problem's published cycles, by its function ``identification``.
+
+    Raises
+    ------
+    ModelError
+        When the problem has none.
+    """
+    return _own(module, "identification", "published cycles to identify parameters from")(system, progress, **options)
+
+
+def _own(module: ModuleType, name: str, what: str) -> Callable[..., Report]:
+    found = getattr(module, name, None)
+    if not callable(found):
+        where = f"problem {getattr(module, '__file__', None) or module.__name__!r}"
+        raise ModelError(f"{where} has no {what}; write a function {name}(system, progress) that returns a Report.")
+    return found  # type: ignore[no-any-return]
 
 
 # --- the default job --------------------------------------------------------------------------

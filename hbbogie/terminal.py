@@ -72,6 +72,16 @@ def numbers(texts: Sequence[str] | None, option: str) -> dict[str, float]:
     return found
 
 
+def listed(text: str, option: str) -> list[float]:
+    """Return the numbers of a list separated by commas; raise `ModelError` for anything else."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ModelError(
+            f"{option} {text!r}: write numbers separated by commas, such as {option} 90,100,120."
+        ) from None
+
+
 @contextmanager
 def progress_shown() -> Iterator[Callable[[str, float | None], None]]:
     """Give a function (message, fraction) that shows progress on standard error."""

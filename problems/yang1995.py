@@ -16,9 +16,11 @@ The gravity stiffness is off by default; the axle load W acts through it only.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +38,7 @@ from hbbogie import (
     System,
     floquet,
     hopf_points,
+    load_problem,
     settle,
     solve,
     trace,
@@ -56,7 +59,8 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
     Parameters
     ----------
     gravity : bool
-        Whether the gravity stiffness W lam / a (lateral) and -W a lam (yaw) of the wheelsets acts.
+        Whether the gravity stiffness W lam / a (lateral) and -W a lam (yaw) of the wheelsets acts; the system
+        then has one parameter more, its share ``kg``.
     **parameters : float
         Parameter values that replace the defaults, by name, in the units listed below.
     """
@@ -99,6 +103,8 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
     f23 = Parameter("f23", 23.57e3, "N m", "lateral-spin creep coefficient")
     f33 = Parameter("f33", 61.9, "N m2", "spin creep coefficient", any_sign)
 
+    kg = Parameter("kg", 1.0, "1", "share of the gravity stiffness that acts")
+
     flange = DeadBand(stiffness=K0, gap=y0)
     front = Element("front flange", flange, q1)
     rear = Element("rear flange", flange, q3)
@@ -106,12 +112,12 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
     def T(y: Coordinate, psi: Coordinate) -> object:
         """Lateral creep force of a wheelset [N], with the gravity stiffness where it acts."""
         creep = 2 * f22 * (y.dot / V - psi) + 2 * f23 * psi.dot / V
-        return creep + W * lam / a * y if gravity else creep
+        return creep + kg * W * lam / a * y if gravity else creep
 
     def N(y: Coordinate, psi: Coordinate) -> object:
         """Yaw creep moment of a wheelset [N m], with the gravity stiffness where it acts."""
         creep = 2 * f11 * a * (a * psi.dot / V + lam * y / r0) - 2 * f23 * (y.dot / V - psi) + 2 * f33 * psi.dot / V
-        return creep - W * a * lam * psi if gravity else creep
+        return creep - kg * W * a * lam * psi if gravity else creep
 
     A1 = 2 * K1 * (q1 - q5 - b * q6 - h1 * q7)
     A2 = 2 * K1 * (q3 - q5 + b * q6 - h1 * q7)
@@ -129,7 +135,7 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
         Ify * q6.ddot - b * A1 + b * A2 - A3 - A4 + A6,
         Ifr * q7.ddot - h1 * A1 - h1 * A2 - h2 * A5 + A7,
     ]
-    creep = [f11, f22, f23, f33]
+    creep = [f11, f22, f23, f33, *([kg] if gravity else [])]
     system = System(
         "Yang's bogie",
         [q1, q2, q3, q4, q5, q6, q7],
@@ -187,6 +193,31 @@ TABLE_1 = (
     State(13, 172.11, 43.92, 43.31, 0.0270, 0.0256, 0.0231, 0.0218),
     State(14, 184.46, 44.48, 43.31, 0.0300, 0.0289, 0.0253, 0.0243),
 )
+
+
+# --- the rest of the paper: methods compared, figures 2 to 6, creep coefficients -------------------
+
+
+def _part(name: str) -> ModuleType:
+    return load_problem(Path(__file__).with_name(f"_yang1995_{name}.py"))
+
+
+def comparison(system: System, methods: Sequence[str], progress: Progress) -> Report:
+    """Compare describing functions, the paper's method, multi-harmonic balance and integration, state by state."""
+    report: Report = _part("paper").comparison(system, methods, progress)
+    return report
+
+
+def paper(system: System, progress: Progress) -> Report:
+    """Draw figures 2 to 6 of the paper from our results."""
+    report: Report = _part("paper").paper(system, progress)
+    return report
+
+
+def identification(system: System, progress: Progress, **options: Any) -> Report:
+    """Identify the creep coefficients from Table 1, free or by Kalker's theory with one parameter."""
+    report: Report = _part("creep").identification(system, progress, **options)
+    return report
 
 
 # --- the main job: Table 1 beside multi-harmonic balance and integration -------------------------

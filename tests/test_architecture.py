@@ -19,6 +19,7 @@ FLOORS = {
     "continuation": 6, "cycles": 6,
     "identification": 6, "misfit": 6,
     "plot": 7, "curves": 7, "tables": 7, "figures": 7, "motion": 7, "report": 7, "problem": 7,
+    "comparison": 7, "comparison_report": 7,
     "terminal": 8, "cli": 8, "benchmark": 8, "__main__": 8,
 }  # fmt: skip
 
