@@ -4,11 +4,14 @@ System -> Equations -> Orbit -> Branch: each a value; verbs are functions. See t
 tutorial; `hbbogie.plot` draws results and is imported only when asked for.
 """
 
+from hbbogie.comparison import compare
 from hbbogie.continuation import trace
+from hbbogie.critical import critical_speeds, fold
 from hbbogie.cycles import find_cycles
 from hbbogie.elements import Element
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import hopf_points
+from hbbogie.identification import Parametrisation, identify
 from hbbogie.integration import simulate
 from hbbogie.laws import (
     Backlash,
@@ -29,6 +32,7 @@ from hbbogie.settling import last_orbit, settle
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet
 from hbbogie.system import Coordinate, Parameter, System
+from hbbogie.verification import verify
 
 __version__ = "0.1.0"
 
@@ -47,6 +51,7 @@ __all__ = [
     "ModelError",
     "Orbit",
     "Parameter",
+    "Parametrisation",
     "Polynomial",
     "Saturation",
     "SpecialPoint",
@@ -54,14 +59,19 @@ __all__ = [
     "System",
     "Tabulated",
     "Trajectory",
+    "compare",
+    "critical_speeds",
     "describing_function",
     "find_cycles",
     "floquet",
+    "fold",
     "hopf_points",
+    "identify",
     "last_orbit",
     "load_problem",
     "settle",
     "simulate",
     "solve",
     "trace",
+    "verify",
 ]

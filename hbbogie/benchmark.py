@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from typing import Any
@@ -65,7 +66,23 @@ def measure(H: int = 15) -> list[tuple[str, float, str]]:
     start = {"q1": 0.03, "q3": 0.03}
     add("60 s of motion, RK4 with 1 ms", lambda: simulate(system, start, 60.0), 3)
     add("60 s of motion, CVODES", lambda: simulate(system, start, 60.0, method="cvodes"), 1)
+    with tempfile.TemporaryDirectory() as folder:
+        job = [sys.executable, "-m", "hbbogie", "run", "yang1995", "--output", folder]
+        add(
+            "hbbogie run yang1995, from shell to figures",
+            lambda: subprocess.run(job, check=True, capture_output=True),
+            1,
+            lambda _: f"at most {_peak_memory():.0f} MB",
+        )
     return rows
+
+
+def _peak_memory() -> float:
+    """Return the largest resident memory of the processes started so far [MB]."""
+    import resource  # not on Windows
+
+    kilobytes = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    return kilobytes / (1e6 if sys.platform == "darwin" else 1e3)
 
 
 def main() -> None:

@@ -2,113 +2,28 @@
 
 from __future__ import annotations
 
-import functools
-import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from hbbogie.errors import ModelError
-
-if TYPE_CHECKING:
-    from hbbogie.report import Report
-    from hbbogie.system import System
-
-FIGURES = (".png", ".pdf", ".svg")
-
-app = typer.Typer(
-    name="hbbogie",
-    help="Limit cycles of self-excited mechanical systems: find them, follow them, judge their stability.",
-    epilog="Begin with: hbbogie problems\n\nthen: hbbogie run yang1995 --output out",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
+from hbbogie import cli_methods as cli_methods  # adds its commands
+from hbbogie.commands import (
+    FIGURES,
+    AsJson,
+    Harmonics,
+    MaybeOutput,
+    Output,
+    Overrides,
+    ParameterName,
+    Problem,
+    app,
+    command,
+    do,
+    load,
 )
-
-Problem = Annotated[
-    str, typer.Argument(metavar="NAME", help="Name of a shipped problem, or path of a problem file (.py).")
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Parameter value in its own unit; may be repeated."),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document, and nothing else, on standard output.")]
-Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the files.")]
-MaybeOutput = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for files; none are written without.")
-]
-Harmonics = Annotated[int, typer.Option(min=1, help="Highest harmonic of the cycles.")]
-ParameterName = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Parameter to vary; by default the problem's own.")
-]
-
-
-def examples(*lines: str) -> str:
-    """Return the text below the help of a command."""
-    return "\n\n".join(["Examples:", *lines])
-
-
-def command(*lines: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a command with examples, whose errors are printed as sentences."""
-
-    def register(function: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(function)
-        def run(*args: Any, **kwargs: Any) -> None:
-            from hbbogie.terminal import guarded
-
-            guarded(function, args, kwargs)
-
-        return app.command(epilog=examples(*lines))(run)
-
-    return register
-
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        from hbbogie import __version__
-
-        print(f"hbbogie {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-) -> None:
-    # figures are written to files only: a display is not needed
-    os.environ.setdefault("MPLBACKEND", "Agg")
-
-
-def _load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
-    """Return the module of a problem and its system with parameter values replaced."""
-    from hbbogie.problem import load_problem, system_of
-    from hbbogie.terminal import numbers
-
-    values = numbers(overrides, "--set")
-    module = load_problem(name)
-    return module, system_of(module, **values)
-
-
-def _do(name: str, overrides: list[str] | None, output: Path, as_json: bool, job: Callable[..., Report]) -> None:
-    """Load a problem, do a job (module, system, progress) -> Report, write its files and show it."""
-    from hbbogie import report
-    from hbbogie.terminal import deliver, progress_shown
-
-    module, system = _load(name, overrides)
-    report.check_directory(output)
-    with progress_shown() as progress:
-        found = job(module, system, progress)
-        files = found.write(output, progress)
-    deliver(found, files, as_json)
-
+from hbbogie.errors import ModelError
 
 # --- commands ---------------------------------------------------------------------------------
 
@@ -133,64 +48,7 @@ def run(
 
     if figures not in (None, "paper"):
         raise ModelError(f"--figures {figures!r}: the one choice is paper; leave the option out for the whole job.")
-    _do(name, overrides, output, as_json, report.study if figures is None else report.figures_of_paper)
-
-
-@command(
-    "hbbogie compare yang1995",
-    "hbbogie compare yang1995 --methods df1,df2,mhb3,mhb15",
-    "hbbogie compare bautin --methods df1,mhb3 --values -0.2,-0.1,0.1",
-)
-def compare(
-    name: Problem,
-    methods: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Methods, separated by commas: df1, df2, mhb and a harmonic.")
-    ] = None,
-    values: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
-    ] = None,
-    output: Output = Path("out"),
-    overrides: Overrides = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compare methods: describing functions, multi-harmonic balance, and what the problem's paper used."""
-    from hbbogie.comparison_report import comparison_of
-    from hbbogie.terminal import listed
-
-    chosen = methods.split(",") if methods else None
-    at = listed(values, "--values") if values else None
-    _do(name, overrides, output, as_json, lambda module, system, say: comparison_of(module, system, chosen, at, say))
-
-
-@command(
-    "hbbogie identify yang1995",
-    "hbbogie identify yang1995 --theory kalker",
-    "hbbogie identify yang1995 --free f11,f22,f23,f33 --robust",
-)
-def identify(
-    name: Problem,
-    free: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Parameters to identify, separated by commas.")
-    ] = None,
-    theory: Annotated[
-        str | None, typer.Option(metavar="NAME", help="A theory with fewer parameters that the problem knows.")
-    ] = None,
-    robust: Annotated[bool, typer.Option("--robust", help="Take weight from rows far from the others.")] = False,
-    output: Output = Path("out"),
-    overrides: Overrides = None,
-    as_json: AsJson = False,
-) -> None:
-    """Identify parameters of a problem from its published cycles, by least squares."""
-    from hbbogie import report
-
-    options = {"free": free.split(",") if free else None, "theory": theory, "robust": robust}
-    _do(
-        name,
-        overrides,
-        output,
-        as_json,
-        lambda module, system, say: report.identification(module, system, say, **options),
-    )
+    do(name, overrides, output, as_json, report.study if figures is None else report.figures_of_paper)
 
 
 @command(
@@ -218,7 +76,7 @@ def branch(
     from hbbogie.guesses import check_interval
     from hbbogie.terminal import deliver, progress_shown
 
-    module, system = _load(name, overrides)
+    module, system = load(name, overrides)
     parameter, own = curves.default_interval(module, system, parameter)
     limits = check_interval(system, parameter, interval or own)
     report.check_directory(output)
@@ -246,7 +104,7 @@ def cycles(
     from hbbogie.cycles import find_cycles
     from hbbogie.terminal import deliver, progress_shown
 
-    module, system = _load(name, overrides)
+    module, system = load(name, overrides)
     parameter = curves.default_interval(module, system, parameter)[0]
     if output is not None:
         report.check_directory(output)
@@ -280,7 +138,7 @@ def simulate(
     from hbbogie import motion, report
     from hbbogie.terminal import deliver, numbers, progress_shown
 
-    _, system = _load(name, overrides)
+    _, system = load(name, overrides)
     initial = numbers(start, "--start") or motion.default_start(system)
     report.check_directory(output)
     with progress_shown() as progress:

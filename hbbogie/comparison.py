@@ -12,7 +12,7 @@ import numpy as np
 
 from hbbogie.continuation import trace
 from hbbogie.curves import Progress, silent
-from hbbogie.cycles import crossings
+from hbbogie.cycles import crossings, default_reach
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import hopf_points
@@ -198,9 +198,7 @@ def compare(
         For an unknown method or parameter, or when there is no Hopf point in the interval.
     """
     name = parameter or system.parameter_names[0]
-    low, high = system.parameter(name).bounds
-    reach = max(2 * abs(system.values[name]), 1.0)
-    span = interval or (max(system.values[name] - reach, low), min(system.values[name] + reach, high))
+    span = interval or default_reach(system, name)
     names = list(dict.fromkeys([*(method.strip().casefold() for method in methods), truth]))
     for method in names:
         method_named(method)

@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from hbbogie.continuation import trace
-from hbbogie.cycles import crossings, distinct, find_cycles, settled_cycles
+from hbbogie.cycles import crossings, default_reach, distinct, find_cycles, settled_cycles
 from hbbogie.equations import Equations
 from hbbogie.errors import ModelError
 from hbbogie.guesses import check_interval, hopf_points
@@ -70,11 +70,9 @@ def default_interval(
     name = parameter or own or next(iter(system.parameter_names), None)
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
-    low, high = system.parameter(name).bounds
     if name == own and hasattr(module, "RANGE"):
         return name, (float(module.RANGE[0]), float(module.RANGE[1]))
-    reach = max(2 * abs(system.values[name]), 1.0)
-    return name, (max(system.values[name] - reach, low), min(system.values[name] + reach, high))
+    return name, default_reach(system, name)
 
 
 def curves(

@@ -78,12 +78,7 @@ def find_cycles(
     name = parameter or next(iter(values), None) or next(iter(system.parameter_names), None)
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
-    value, (low, high) = (
-        system.with_parameters().vector()[_place(system, name)],
-        system.parameter(name).bounds,
-    )
-    reach = max(2 * abs(value), 1.0)
-    lo, hi = interval or (max(value - reach, low), min(value + reach, high))
+    value, (lo, hi) = system.values[system.parameter(name).name], interval or default_reach(system, name)
     equations = HarmonicBalance(harmonics).equations(system)
     found: list[Orbit] = []
     for branch in branches_from_hopf(equations, name, (lo, hi), families=False):
@@ -97,8 +92,11 @@ def find_cycles(
     return found
 
 
-def _place(system: System, name: str) -> int:
-    return system.parameter_names.index(system.parameter(name).name)
+def default_reach(system: System, parameter: str) -> tuple[float, float]:
+    """Return twice the value of a parameter (at least 1) to either side, within its bounds."""
+    (low, high), value = system.parameter(parameter).bounds, system.values[parameter]
+    reach = max(2 * abs(value), 1.0)
+    return max(value - reach, low), min(value + reach, high)
 
 
 def branches_from_hopf(

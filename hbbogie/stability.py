@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie import fourier
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit, Stability
 from hbbogie.system import System
-from hbbogie.variation import Waveform, mesh_of, product, trace_integral, transitions_over
+from hbbogie.variation import Waveform, check_orbit, mesh_of, product, trace_integral, transitions_over
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 MARGIN = 5.0  # a multiplier this many trivial errors from the unit circle has a side
 
 
-def floquet(system: System, orbit: Orbit, *, steps: int | None = None, tolerance: float = 1e-2) -> Stability:
+def floquet(
+    system: System,
+    orbit: Orbit,
+    *,
+    steps: int | None = None,
+    tolerance: float = 1e-2,
+    half: bool | None = None,
+) -> Stability:
     """Return the Floquet multipliers of a cycle, or the eigenvalues of an equilibrium, and a verdict.
 
     Parameters
@@ -29,6 +40,9 @@ def floquet(system: System, orbit: Orbit, *, steps: int | None = None, tolerance
     tolerance : float
         Largest error of the trivial multiplier, and largest error of the logarithm of the determinant
         relative to its size (or to 1), that are still trusted.
+    half : bool
+        Whether to integrate half a period only, for which system and orbit must be odd. By default it is
+        done where they are.
 
     Returns
     -------
@@ -38,7 +52,8 @@ def floquet(system: System, orbit: Orbit, *, steps: int | None = None, tolerance
     Raises
     ------
     ModelError
-        When the orbit does not belong to the system, or steps or tolerance are not acceptable.
+        When the orbit does not belong to the system, steps or tolerance are not acceptable, or half a period
+        is asked for and not enough.
 
     Notes
     -----
@@ -55,41 +70,72 @@ def floquet(system: System, orbit: Orbit, *, steps: int | None = None, tolerance
     integral of the trace of A (Liouville). When either fails, or a multiplier lies closer to the unit circle
     than five times the trivial error, the verdict is "unknown". Of multipliers below about 1e-12 only the
     smallness is meant: they are round-off.
+
+    When system and orbit are odd, q(t + T/2) = -q(t), half the period is enough (eq-half-period): the
+    multipliers are the squares of those of G = -Phi(T/2), which are kept too. They tell more: next to the
+    trivial one, +1, G has +1 at a fold and -1 at a pitchfork that breaks the symmetry, where both are +1 over
+    the full period; and there the trivial one is not lost among others.
     """
-    if orbit.coordinates != system.coordinate_names:
-        raise ModelError(
-            f"the orbit belongs to {orbit.system!r} with coordinates {', '.join(orbit.coordinates)}; the "
-            f"system {system.name!r} has {', '.join(system.coordinate_names)}. Give an orbit of the system."
-        )
+    check_orbit(system, orbit)
     if not tolerance > 0:
         raise ModelError(f"tolerance: got {tolerance!r}; give a number above 0.")
     if steps is not None and (int(steps) != steps or steps < 4):
         raise ModelError(f"steps: got {steps!r}; give a whole number, 4 or more.")
-    if orbit.H and not (np.isfinite(orbit.omega) and orbit.omega > 0):
-        raise ModelError(f"the orbit's frequency is {orbit.omega!r} rad/s; it must be a finite number above 0.")
+    halved = _halved(system, orbit, half)
     p = system.vector(**orbit.parameters)
     if orbit.H == 0:
         return _equilibrium(system, orbit, p, tolerance)
     waveform = Waveform(system, orbit, p)
-    mesh = mesh_of(waveform, steps)
+    mesh = mesh_of(waveform, steps, half=halved)
     transitions = transitions_over(waveform, mesh)
     monodromy = product(transitions)
     if not np.isfinite(monodromy).all():
         none = np.full(system.n_states, np.nan, dtype=complex)
         reason = f"the variational equations overflow with {len(mesh) - 1} steps; take more steps."
         return Stability("unknown", none, float("nan"), 0, reason)
-    log_det = float(np.linalg.slogdet(transitions)[1].sum())
-    multipliers = np.linalg.eigvals(monodromy).astype(complex)
-    return _judge(multipliers, log_det, trace_integral(waveform, mesh), tolerance)
+    parts = 2 if halved else 1
+    log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
+    trace = parts * trace_integral(waveform, mesh)
+    return _judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
+
+
+def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
+    """Return whether half a period is to be integrated; raise `ModelError` when it is asked for and not enough."""
+    if half is False:
+        return False
+    if orbit.H == 0:
+        why = "the orbit is an equilibrium"
+    elif not system.odd:
+        why = f"the system {system.name!r} is not odd"
+    elif not fourier.is_odd(orbit.coefficients):
+        why = "the orbit has a mean or even harmonics"
+    else:
+        return True
+    if half:
+        raise ModelError(f"half=True: {why}; half a period is enough for odd cycles of odd systems only. Leave it out.")
+    return False
 
 
 # --- verdicts ---------------------------------------------------------------------------------
 
 
-def _judge(multipliers: NDArray[np.complex128], log_det: float, trace: float, tolerance: float) -> Stability:
-    """Return the verdict on a cycle from its multipliers and from Liouville's formula."""
-    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
-    trivial = int(np.argmin(np.abs(multipliers - 1)))
+def _judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: float) -> Stability:
+    """Return the verdict on a cycle from its map and from Liouville's formula.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n_states, n_states)
+        The monodromy matrix (parts = 1), or G, whose square it is (parts = 2).
+    parts : int
+    log_det, trace : float
+        Over the full period: log abs det accumulated over the mesh, and the integral of the trace.
+    tolerance : float
+    """
+    values, vectors = np.linalg.eig(matrix)
+    order = np.argsort(-np.abs(values), kind="stable")
+    values, vectors = values[order].astype(complex), vectors[:, order]
+    trivial = int(np.argmin(np.abs(values - 1)))
+    multipliers = values**parts
     error = float(abs(multipliers[trivial] - 1))
     moduli = np.abs(np.delete(multipliers, trivial))
     margin = max(MARGIN * error, 1e-8)
@@ -102,7 +148,7 @@ def _judge(multipliers: NDArray[np.complex128], log_det: float, trace: float, to
             f"no multiplier is closer to 1 than {error:.2g}, allowed is {tolerance:g}: the orbit is not "
             "exact enough; take more harmonics or solve it more tightly"
         )
-        if np.sort(np.abs(multipliers - 1))[:2].max() < 2 * error:
+        if np.sort(np.abs(values - 1))[:2].max() < 2 * abs(values[trivial] - 1):
             reason += " (two are equally near: where two meet at 1, in a conservative system or at a fold, "
             reason += "they carry the square root of the orbit's error)"
     elif liouville > tolerance:
@@ -123,7 +169,16 @@ def _judge(multipliers: NDArray[np.complex128], log_det: float, trace: float, to
         largest = moduli.max(initial=0.0)
         reason = f"all multipliers but the trivial one inside the unit circle, the largest {largest:.6g}"
     reason += f"; error of the trivial multiplier {error:.2g}, of the determinant {liouville:.2g}."
-    return Stability(verdict, multipliers, error, outside, reason)
+    halves = values if parts == 2 else None
+    others = [i for i in range(len(values)) if i != trivial]
+    critical = complex(multipliers[others[0]]) if others else None
+    mode = _scaled(vectors[:, others[0]]) if others else None
+    return Stability(verdict, multipliers, error, outside, reason, halves, critical, mode)
+
+
+def _scaled(vector: NDArray[Any]) -> Complex:
+    """Return the vector scaled so that its largest entry is 1."""
+    return np.asarray(vector / vector[np.argmax(np.abs(vector))], dtype=complex)
 
 
 def _equilibrium(system: System, orbit: Orbit, p: Array, tolerance: float) -> Stability:
@@ -131,8 +186,9 @@ def _equilibrium(system: System, orbit: Orbit, p: Array, tolerance: float) -> St
     x = np.zeros(system.n_states)
     x[: system.n] = orbit.coefficients[0]
     A, rate = system.ode_jacobian(x, p).full(), system.ode(x, p).full().ravel()
-    eigenvalues = np.linalg.eigvals(A).astype(complex)
-    eigenvalues = eigenvalues[np.argsort(-eigenvalues.real, kind="stable")]
+    eigenvalues, vectors = np.linalg.eig(A)
+    order = np.argsort(-eigenvalues.real, kind="stable")
+    eigenvalues, vectors = eigenvalues[order].astype(complex), vectors[:, order]
     margin = 1e-9 * float(np.abs(eigenvalues).max(initial=0.0))
     growing = int((eigenvalues.real > margin).sum())
     neutral = int((np.abs(eigenvalues.real) <= margin).sum())
@@ -150,4 +206,5 @@ def _equilibrium(system: System, orbit: Orbit, p: Array, tolerance: float) -> St
         verdict, reason = "stable", f"all eigenvalues in the left half plane, {largest}."
     with np.errstate(over="ignore"):  # a multiplier beyond the largest number is infinite, and unstable
         multipliers = np.exp(eigenvalues)
-    return Stability(verdict, multipliers, 0.0, growing, reason)
+    critical = complex(multipliers[0])
+    return Stability(verdict, multipliers, 0.0, growing, reason, None, critical, _scaled(vectors[:, 0]))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
 from hbbogie.system import System
 
@@ -68,6 +69,17 @@ def _model(system: System) -> _Model:
     )
 
 
+def check_orbit(system: System, orbit: Orbit) -> None:
+    """Raise `ModelError` unless the orbit belongs to the system and its frequency makes sense."""
+    if orbit.coordinates != system.coordinate_names:
+        raise ModelError(
+            f"the orbit belongs to {orbit.system!r} with coordinates {', '.join(orbit.coordinates)}; the "
+            f"system {system.name!r} has {', '.join(system.coordinate_names)}. Give an orbit of the system."
+        )
+    if orbit.H and not (np.isfinite(orbit.omega) and orbit.omega > 0):
+        raise ModelError(f"the orbit's frequency is {orbit.omega!r} rad/s; it must be a finite number above 0.")
+
+
 class Waveform:
     """An orbit as the variational equations see it: varying states and contact lines over the phase."""
 
@@ -98,18 +110,19 @@ class Waveform:
             columns += [stiffness + active @ k, offset - active @ (d * k * threshold)]
         return np.column_stack(columns) if columns else np.empty((len(tau), 0))
 
-    def switchings(self) -> Array:
-        """Return the phases at which a contact changes its line, increasing, rad."""
+    def switchings(self, end: float = 2 * np.pi) -> Array:
+        """Return the phases from 0 to end at which a contact changes its line, increasing, rad."""
         if not self.ramps:
             return np.empty(0)
-        grid = np.append(fourier.phases(max(256, 32 * self.H)), 2 * np.pi)
+        grid = fourier.phases(max(256, 32 * self.H))
+        grid = np.append(grid[grid < end - 1e-9], end)
         E = fourier.synthesis(self.H, grid)
         rate = fourier.derivative(self.u)
         slope = E @ rate
         # between turning points u is monotone: with them on the grid a short contact is not missed
         k, column = np.nonzero(slope[:-1] * slope[1:] < 0)
-        turning = _roots(rate[:, column], 0.0, grid[k], grid[k + 1])
-        found = [np.empty(0)]
+        turning = _roots(rate[:, column], np.zeros(len(k)), grid[k], grid[k + 1])
+        columns, levels, low, high = [], [], [], []
         for i, (_, _, _, threshold) in enumerate(self.ramps):
             nodes = np.r_[grid, turning[column == i]]
             values = np.r_[E @ self.u[:, i], fourier.synthesis(self.H, turning[column == i]) @ self.u[:, i]]
@@ -117,12 +130,17 @@ class Waveform:
             nodes, values = nodes[order], values[order]
             for level in np.unique(self.directions[i] * threshold):
                 k = np.flatnonzero((values[:-1] < level) != (values[1:] < level))
-                found.append(_roots(np.repeat(self.u[:, [i]], len(k), axis=1), level, nodes[k], nodes[k + 1]))
-        return np.unique(np.concatenate(found))
+                columns.append(np.full(len(k), i))
+                levels.append(np.full(len(k), level))
+                low.append(nodes[k])
+                high.append(nodes[k + 1])
+        places = np.concatenate(columns)
+        found = _roots(self.u[:, places], np.concatenate(levels), np.concatenate(low), np.concatenate(high))
+        return np.unique(found)
 
 
-def _roots(c: Array, level: float, low: Array, high: Array) -> Array:
-    """Return where each column of Fourier coefficients meets the level between low and high (safe Newton)."""
+def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
+    """Return where each column of Fourier coefficients meets its level between low and high (safe Newton)."""
     H, rate = fourier.highest(c), fourier.derivative(c)
     tau, falling = 0.5 * (low + high), np.einsum("ij,ji->i", fourier.synthesis(H, low), c) > level
     for _ in range(60):
@@ -133,7 +151,7 @@ def _roots(c: Array, level: float, low: Array, high: Array) -> Array:
         step = tau - np.divide(f, slope, out=np.full_like(f, np.inf), where=slope != 0)
         new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
         tau, moved = new, np.abs(new - tau)
-        if moved.max(initial=0.0) < 1e-14:
+        if moved.max(initial=0.0) < 1e-13:  # round-off of a phase of 2 pi and of the series
             break
     return tau
 
@@ -141,26 +159,36 @@ def _roots(c: Array, level: float, low: Array, high: Array) -> Array:
 # --- mesh and integration ---------------------------------------------------------------------
 
 
-def mesh_of(waveform: Waveform, steps: int | None) -> Array:
-    """Return the mesh phases from 0 to 2 pi, shape (N + 1,), with every switching among them."""
-    ends = np.r_[0.0, waveform.switchings(), 2 * np.pi]
+def mesh_of(waveform: Waveform, steps: int | None, *, half: bool = False) -> Array:
+    """Return the mesh phases over the period, or its first half, shape (N + 1,), with every switching among them.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    steps : int or None
+        Steps per period, also when only half of it is meshed; None chooses.
+    half : bool
+        Whether the mesh ends at pi instead of 2 pi.
+    """
+    end, parts = (np.pi, 2) if half else (2 * np.pi, 1)
+    switchings = waveform.switchings(end)
+    ends = np.r_[0.0, switchings[switchings < end - 1e-12], end]
     ends = ends[np.r_[True, np.diff(ends) > 1e-12]]
-    ends[-1] = 2 * np.pi
     lengths = np.diff(ends)
     if steps is None:
         fastest = _fastest_eigenvalue(waveform, 0.5 * (ends[:-1] + ends[1:]))
         wanted = 2 * np.pi / waveform.omega * fastest / STEP_TIMES_EIGENVALUE
-        wanted = max(wanted, 10 * waveform.H, 4 * len(lengths))
-        N = next((s for s in SIZES if s >= wanted), SIZES[-1])
+        wanted = max(wanted, 10 * waveform.H, 4 * parts * len(lengths))
+        N = next((s for s in SIZES if s >= wanted), SIZES[-1]) // parts
     else:
-        N = max(int(steps), len(lengths))
-    counts = np.maximum(1, np.floor(N * lengths / (2 * np.pi)).astype(int))
+        N = max(-(-int(steps) // parts), len(lengths))
+    counts = np.maximum(1, np.floor(N * lengths / end).astype(int))
     while counts.sum() < N:
         counts[np.argmax(lengths / counts)] += 1
     while counts.sum() > N:
         counts[np.argmin(np.where(counts > 1, lengths / counts, np.inf))] -= 1
     pieces = [np.linspace(a, b, c, endpoint=False) for a, b, c in zip(ends, ends[1:], counts, strict=False)]
-    return np.append(np.concatenate(pieces), 2 * np.pi)
+    return np.append(np.concatenate(pieces), end)
 
 
 def _fastest_eigenvalue(waveform: Waveform, midpoints: Array) -> float:
@@ -225,7 +253,7 @@ def product(transitions: Array) -> Array:
 
 
 def trace_integral(waveform: Waveform, mesh: Array) -> float:
-    """Return the integral of the trace of the state matrix over the period, by Simpson's rule on the mesh."""
+    """Return the integral of the trace of the state matrix over the mesh, by Simpson's rule on it."""
     middle = 0.5 * (mesh[:-1] + mesh[1:])
     lines, x = waveform.lines(middle).T, waveform.states(mesh).T
     traces = [

@@ -136,15 +136,21 @@ def _figure(fits: dict[str, Identification]) -> Figure:
     """Draw the misfit of speed, frequency and rear amplitude, state by state."""
     from hbbogie import plot
 
-    figure, axes = plot.panels(1, 3)
+    figure, axes = plot.panels(1, 3, (13.0, 3.9))
     shown = (("V", "speed V [m/s]", 1.0), ("omega", "frequency omega [rad/s]", 1.0), ("q3", "rear amplitude [mm]", 1e3))
     states = [s.state for s in _yang().TABLE_1]
     for ax, (quantity, text, factor) in zip(axes[0], shown, strict=True):
+        room = 0.0
         for (name, fit), marker in zip(fits.items(), "os", strict=False):
             residuals = factor * fit.residuals[:, fit.quantities.index(quantity)]
+            room = max(room, 1.2 * float(np.nanmax(np.abs(np.delete(residuals, fit.outliers)))))
             ax.plot(states, residuals, marker, ms=5, label=name)
-        ax.axhline(0.0, color="#888888", lw=1.0)
+        for k, i in enumerate(fit.outliers):
+            if abs(residuals[i]) > room:  # named where it would lie: to show it would flatten all others
+                text_at = (states[i], np.sign(residuals[i]) * (0.93 - 0.07 * k) * room)
+                ax.annotate(f"state {states[i]}: {residuals[i]:.2f}", text_at, ha="center", fontsize=8)
+        ax.set_ylim(-room, room)
+        ax.axhline(0.0, color="#888888", lw=1.0, zorder=1)
         ax.set_xlabel("state of Table 1")
-        ax.set_ylabel(f"printed - computed, {text}")
-        ax.set_yscale("symlog", linthresh=0.1 if quantity != "omega" else 0.01)
+        ax.set_ylabel(f"printed - computed, {text}", fontsize=9)
     return plot.one_legend(figure)

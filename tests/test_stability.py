@@ -5,10 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hbbogie import Coordinate, Cubic, DeadBand, Element, Parameter, System, fourier
+from hbbogie import (
+    Coordinate,
+    Cubic,
+    DeadBand,
+    Element,
+    HarmonicBalance,
+    Parameter,
+    System,
+    find_cycles,
+    fourier,
+    hopf_points,
+    solve,
+    trace,
+)
+from hbbogie.cycles import crossings
 from hbbogie.errors import ModelError
 from hbbogie.integration import simulate
-from hbbogie.results import Orbit
+from hbbogie.results import Branch, Orbit
 from hbbogie.settling import last_orbit, settle
 from hbbogie.stability import floquet
 from problems.yang1995 import bogie
@@ -223,3 +237,205 @@ def test_wrong_input_is_refused(yang: System, hunting: Orbit) -> None:
         floquet(yang, hunting, tolerance=0.0)
     with pytest.raises(ModelError, match="frequency"):
         floquet(yang, hunting.replace(omega=-1.0))
+
+
+# --- half a period ----------------------------------------------------------------------------
+
+
+def circuit(direction: float = 1.0) -> System:
+    """Return the odd circuit with parameter v; direction -1 lets its time run backwards.
+
+    x' = (-(b + v) x + b y - a3 x^3 + b3 (y - x)^3) / r, y' = b x - (b + g) y - z - b3 (y - x)^3, z' = y
+    """
+    x, y, z, v = Coordinate("x"), Coordinate("y"), Coordinate("z"), Parameter("v", -0.59)
+    b, g, r, a3, b3 = 0.5, -0.6, 0.6, 0.328578, 0.933578
+    rates = [
+        (-(b + v) * x + b * y - a3 * x**3 + b3 * (y - x) ** 3) / r,
+        b * x - (b + g) * y - z - b3 * (y - x) ** 3,
+        1.0 * y,
+    ]
+    equations = [c.dot - direction * rate for c, rate in zip((x, y, z), rates, strict=True)]
+    return System("circuit", [x, y, z], [v], equations)
+
+
+PITCHFORK, PERIOD_THERE = -0.587028974, 8.68966962
+
+
+@pytest.fixture(scope="module")
+def circuit_branch() -> tuple[System, Branch]:
+    system = circuit()
+    (hopf,) = hopf_points(system, "v", (-0.7, -0.5))
+    assert hopf.value == pytest.approx(-0.589336478, abs=5e-10)
+    return system, trace(HarmonicBalance(15).equations(system), hopf, "v", (-0.6, -0.57))
+
+
+def at_pitchfork(system: System, branch: Branch) -> Orbit:
+    found = crossings(HarmonicBalance(15).equations(system), branch, PITCHFORK)
+    return max(found, key=lambda o: o.period)
+
+
+def test_half_multipliers_square_to_those_of_the_period(yang: System) -> None:
+    """Two different meshes: they agree to the error of the steps, which the default keeps below 1e-6."""
+    cycles = [(yang, orbit) for orbit in find_cycles(yang, V=90.0, stability=False)]
+    cycles += [(van_der_pol(), find_cycles(van_der_pol(), mu=1.0, stability=False, harmonics=31)[0])]
+    for system, orbit in cycles:
+        half, full = floquet(system, orbit), floquet(system, orbit, half=False)
+        assert half.half_multipliers is not None and full.half_multipliers is None
+        assert half.multipliers == pytest.approx(half.half_multipliers**2, rel=1e-12)
+        large = np.abs(full.multipliers) > 1e-4
+        assert half.multipliers[large].real == pytest.approx(full.multipliers[large].real, rel=2e-6, abs=1e-7)
+        assert np.abs(half.multipliers[large]) == pytest.approx(np.abs(full.multipliers[large]), rel=2e-6)
+        assert np.abs(half.half_multipliers - 1).min() == pytest.approx(half.trivial_error / 2, rel=1e-2)
+        assert (half.verdict, half.unstable) == (full.verdict, full.unstable)
+        assert half.critical == pytest.approx(full.critical, rel=2e-6)
+
+
+def test_liouville_over_half_a_period() -> None:
+    """The product of the half multipliers of van der Pol is the root of exp of the integral of the trace."""
+    orbit = find_cycles(van_der_pol(), mu=1.0, stability=False, harmonics=45)[0]
+    result = floquet(van_der_pol(), orbit)
+    assert result.half_multipliers is not None
+    mean_square = 0.5 * (orbit.coefficients[1:, 0] ** 2).sum()
+    product = np.prod(result.half_multipliers)
+    assert product.real == pytest.approx(np.exp(0.5 * orbit.period * (1 - mean_square)), rel=1e-6)
+    assert result.critical == pytest.approx(8.596950636e-4, rel=1e-6)
+
+
+def test_half_a_period_halves_the_steps_and_keeps_the_order() -> None:
+    system, orbit = radial(0.3)
+    halves = [floquet(system, orbit, steps=n, half=True).multipliers[1] for n in (16, 32)]
+    wholes = [floquet(system, orbit, steps=n, half=False).multipliers[1] for n in (16, 32)]
+    assert halves == pytest.approx(wholes, rel=1e-10)  # the same steps, since A repeats
+
+
+def test_half_where_it_is_not_enough_is_refused() -> None:
+    system, orbit = radial(0.3)
+    shifted = orbit.coefficients.copy()
+    shifted[0] = 1e-3
+    with pytest.raises(ModelError, match="mean or even"):
+        floquet(system, orbit.replace(coefficients=shifted), half=True)
+    with pytest.raises(ModelError, match="equilibrium"):
+        floquet(system, equilibrium(system), half=True)
+    lure_system, cycle = lure()
+    with pytest.raises(ModelError, match="not odd"):
+        floquet(lure_system, cycle, half=True)
+    assert floquet(lure_system, cycle).half_multipliers is None
+
+
+def test_pitchfork_of_the_circuit(circuit_branch: tuple[System, Branch]) -> None:
+    """G has -1 there, which over the full period is a second +1.
+
+    The value of v is printed to 5e-10; the multiplier changes by 100 per unit of v (-0.99267 at v = -0.5871,
+    -1.00303 at -0.5870), so that it must be within 5e-8 of -1, plus 3e-7 for the integration. The period
+    changes by 53 per unit of v: 3e-8 on top of the digits printed.
+    """
+    system, branch = circuit_branch
+    orbit = at_pitchfork(system, branch)
+    assert orbit.period == pytest.approx(PERIOD_THERE, abs=3.2e-8)
+    result, full = floquet(system, orbit), floquet(system, orbit, half=False)
+    assert result.half_multipliers is not None
+    assert np.abs(result.half_multipliers + 1).min() < 1e-6
+    assert np.abs(result.half_multipliers - 1).min() < 1e-6
+    assert np.sort(np.abs(full.multipliers - 1))[1] < 1e-6
+    assert result.verdict == "unstable" and result.unstable == 1
+    assert result.critical == pytest.approx(1.1748, abs=1e-4)
+
+
+def test_mode_at_the_pitchfork(circuit_branch: tuple[System, Branch]) -> None:
+    """Backwards in time the multipliers are the inverses, -1 the largest; two motions show its mode."""
+    system, branch = circuit_branch
+    orbit = at_pitchfork(system, branch)
+    c = orbit.coefficients.copy()
+    c[2::2] *= -1
+    forth, backwards = floquet(system, orbit), circuit(-1.0)
+    mirrored = orbit.replace(coefficients=c)
+    back = floquet(backwards, mirrored)
+    assert forth.half_multipliers is not None and back.half_multipliers is not None
+    inverse = np.sort_complex(1 / forth.half_multipliers)
+    assert np.sort_complex(back.half_multipliers) == pytest.approx(inverse, rel=1e-6)
+    assert back.verdict == "unknown" and "neutral" in back.reason
+    assert back.mode is not None and np.abs(back.mode).max() == pytest.approx(1.0, rel=1e-12)
+    assert back.critical == pytest.approx(1.0, abs=1e-6)
+    # G mode = -mode: after half a period the disturbance is back, while the cycle has changed its sign
+    ends, size, start = [], 1e-4, mirrored.q(0.0)[0]
+    for sign in (1.0, -1.0):
+        x = start + sign * size * back.mode.real
+        values = dict(zip(backwards.coordinate_names, map(float, x), strict=True))
+        half_period = 0.5 * orbit.period
+        motion = simulate(
+            backwards, values, half_period, method="cvodes", step=half_period / 64, tolerance=1e-12, v=PITCHFORK
+        )
+        ends.append(motion.q[-1])
+    assert (ends[0] - ends[1]) / (2 * size) == pytest.approx(back.mode.real, abs=1e-5)
+
+
+def test_fold_of_the_circuit(circuit_branch: tuple[System, Branch]) -> None:
+    """Published: v = -0.584335, T = 8.42647, where G has a second +1.
+
+    At a fold multipliers go like the root of the distance: |G - 1| is 3.4e-4 at the printed v, 2.3e-7 off, so
+    that the half unit of its last digit, 5e-7, leaves less than 1e-3. The fold located to 1e-12 is left with
+    the root of the integration's error.
+    """
+    system, branch = circuit_branch
+    (fold,) = branch.folds()
+    assert fold.value == pytest.approx(-0.584335, abs=5e-7)
+    assert fold.orbit.period == pytest.approx(8.42647, abs=5e-6)
+    printed = crossings(HarmonicBalance(15).equations(system), branch, -0.584335)
+    assert len(printed) == 2
+    for orbit, allowed in [(fold.orbit, 1e-4), *((o, 1e-3) for o in printed)]:
+        result = floquet(system, orbit)
+        assert result.half_multipliers is not None
+        assert np.sort(np.abs(result.half_multipliers - 1))[1] < allowed
+
+
+# --- published period doubling, critical multiplier and mode ----------------------------------
+
+
+def lure() -> tuple[System, Orbit]:
+    """Return Lur'e's x''' + alpha x'' + x' + x - x^2 = 0, of mixed order, and its cycle at the period doubling."""
+    x, y, alpha = Coordinate("x"), Coordinate("y"), Parameter("alpha", 0.63030200616)
+    system = System("Lur'e", [x, y], [alpha], [x.ddot - y, y.dot + alpha * y + x.dot + x - x**2])
+    c = np.zeros((51, 2))
+    c[0], c[1], c[2] = (0.2, 0.0), (-0.6, 0.6), (0.0, 0.0)
+    guess = Orbit(system.name, ("x", "y"), ("", ""), c, 0.987, dict(system.values))
+    return system, solve(HarmonicBalance(25).equations(system), guess)
+
+
+def test_period_doubling_of_lure() -> None:
+    """alpha = 0.63030200616, T = 6.3640713394: the critical multiplier is -1, the verdict open."""
+    system, orbit = lure()
+    assert orbit.period == pytest.approx(6.3640713394, abs=5e-10)
+    result = floquet(system, orbit)
+    assert result.critical is not None and abs(result.critical + 1) < 1e-6
+    assert result.verdict == "unknown" and "bifurcation" in result.reason
+    assert result.mode is not None and result.mode.shape == (3,)
+
+
+def test_mode_is_the_eigenvector_of_the_critical_multiplier() -> None:
+    """Radial normal form: radial disturbances decay with exp(-4 pi rho), from (1, 0) along x."""
+    result = floquet(*radial(0.1))
+    assert result.critical == pytest.approx(np.exp(-0.4 * np.pi), rel=1e-6)
+    assert result.mode == pytest.approx(np.array([1.0, 0.0]), abs=1e-6)
+
+
+def test_brusselator_published() -> None:
+    """A = 1, B = 3: T = 7.1569199212, multiplier 2.51637580e-4."""
+    x, y, B = Coordinate("x"), Coordinate("y"), Parameter("B", 3.0)
+    system = System("Brusselator", [x, y], [B], [x.dot - 1 + (B + 1) * x - x**2 * y, y.dot - B * x + x**2 * y])
+    coarse = find_cycles(system, B=3.0, harmonics=15, stability=False)[0]
+    orbit = solve(HarmonicBalance(60).equations(system), coarse)
+    assert orbit.period == pytest.approx(7.1569199212, rel=1e-9)
+    assert floquet(system, orbit, steps=2048).critical == pytest.approx(2.51637580e-4, rel=1e-6)
+
+
+def test_new_fields_are_saved(tmp_path, yang: System, hunting: Orbit) -> None:
+    system, orbit = radial(0.3)
+    for half in (True, False):
+        orbit = orbit.replace(stability=floquet(system, orbit, half=half))
+        orbit.save(tmp_path / "orbit.nc")
+        loaded = Orbit.load(tmp_path / "orbit.nc").stability
+        assert loaded is not None and orbit.stability is not None
+        for name in ("multipliers", "half_multipliers", "critical", "mode"):
+            before, after = getattr(orbit.stability, name), getattr(loaded, name)
+            assert (before is None) == (after is None) and np.array_equal(before, after)
+        assert (loaded.half_multipliers is not None) == half

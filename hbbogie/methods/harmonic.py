@@ -25,7 +25,7 @@ class HarmonicBalance:
         Highest harmonic H; 0 gives the equations of the equilibria.
     samples : int, optional
         Samples per period for nonlinear forces that are not piecewise linear. The default 16 (H + 1) is
-        free of aliasing for polynomial forces up to degree 14, and so is half of it up to degree 6.
+        free of aliasing for polynomial forces up to degree 15, and so is half of it up to degree 7.
     odd : bool, optional
         Keep the odd harmonics only. By default where the system is proved to be odd.
     condense : bool

@@ -36,6 +36,15 @@ class Stability:
         Number of multipliers outside the unit circle, the trivial one not counted.
     reason : str
         Why the verdict is what it is, a sentence.
+    half_multipliers : ndarray of complex, shape (n_states,), or None
+        Of an odd cycle, the multipliers of G = -Phi(T/2), in the order of those of the full period, which are
+        their squares; the trivial one is +1, at a fold another is +1, at a symmetry-breaking pitchfork -1.
+        None where the full period was integrated.
+    critical : complex or None
+        The nontrivial multiplier of largest modulus, over the full period.
+    mode : ndarray of complex, shape (n_states,), or None
+        Its eigenvector, the state of the disturbance at t = 0, scaled to a largest entry of 1 (all
+        coordinates, then the velocities of those of second order).
     """
 
     verdict: str
@@ -43,6 +52,9 @@ class Stability:
     trivial_error: float
     unstable: int
     reason: str
+    half_multipliers: NDArray[np.complex128] | None = None
+    critical: complex | None = None
+    mode: NDArray[np.complex128] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,22 +213,47 @@ def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> tuple[dic
         "status": (dimension, np.array([o.status for o in orbits], dtype=str)),
     }
     if any(o.stability for o in orbits):
-        count = max(len(o.stability.multipliers) for o in orbits if o.stability)
-        multipliers = np.full((len(orbits), count), np.nan, dtype=complex)
-        for i, o in enumerate(orbits):
-            if o.stability:
-                multipliers[i, : len(o.stability.multipliers)] = o.stability.multipliers
         judged = [o.stability for o in orbits]
         data |= {
             "stability": (dimension, np.array([s.verdict if s else "" for s in judged], dtype=str)),
             "stability_reason": (dimension, np.array([s.reason if s else "" for s in judged], dtype=str)),
             "trivial_error": (dimension, [s.trivial_error if s else np.nan for s in judged]),
             "unstable": (dimension, [s.unstable if s else -1 for s in judged]),
-            "multipliers_real": ((dimension, prefix + "multiplier"), multipliers.real),
-            "multipliers_imaginary": ((dimension, prefix + "multiplier"), multipliers.imag),
         }
+        critical = [None if s is None or s.critical is None else np.array([s.critical]) for s in judged]
+        for name, second, rows in (
+            ("multipliers", "multiplier", [s.multipliers if s else None for s in judged]),
+            ("half_multipliers", "multiplier", [s.half_multipliers if s else None for s in judged]),
+            ("critical", None, critical),
+            ("mode", "state", [s.mode if s else None for s in judged]),
+        ):
+            data |= _pack_complex(name, rows, (dimension, prefix + second) if second else (dimension,))
     attributes = {"system": first.system, "units": json.dumps(first.units)}
     return {prefix + name: value for name, value in data.items()}, attributes
+
+
+def _pack_complex(
+    name: str, rows: Sequence[NDArray[np.complex128] | None], dimensions: tuple[str, ...]
+) -> dict[str, Any]:
+    """Return the two variables of one complex vector per orbit, padded with NaN; none when all are None."""
+    count = max((len(r) for r in rows if r is not None), default=0)
+    values = np.full((len(rows), count), complex(np.nan, np.nan))
+    for i, row in enumerate(rows):
+        if row is not None:
+            values[i, : len(row)] = row
+    values = values[:, 0] if len(dimensions) == 1 and count else values
+    parts = {f"{name}_real": (dimensions, values.real), f"{name}_imaginary": (dimensions, values.imag)}
+    return parts if count else {}
+
+
+def _unpack_complex(data: xr.Dataset, name: str, i: int) -> NDArray[np.complex128] | None:
+    """Return what `_pack_complex` put into a dataset for orbit i; None where there was nothing."""
+    if name + "_real" not in data:
+        return None
+    parts = [np.atleast_1d(data[f"{name}_{part}"].values[i]) for part in ("real", "imaginary")]
+    values = parts[0] + 1j * parts[1]
+    values = values[~np.isnan(values)]
+    return values if len(values) else None
 
 
 def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
@@ -229,15 +266,17 @@ def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
     for i in range(len(get["omega"])):
         stability = None
         if prefix + "stability" in data and str(data[prefix + "stability"].values[i]):
-            multipliers = (
-                data[prefix + "multipliers_real"].values[i] + 1j * data[prefix + "multipliers_imaginary"].values[i]
-            )
+            multipliers = _unpack_complex(data, prefix + "multipliers", i)
+            critical = _unpack_complex(data, prefix + "critical", i)
             stability = Stability(
                 str(data[prefix + "stability"].values[i]),
-                multipliers[~np.isnan(multipliers)],
+                np.empty(0, dtype=complex) if multipliers is None else multipliers,
                 float(data[prefix + "trivial_error"].values[i]),
                 int(data[prefix + "unstable"].values[i]),
                 str(data[prefix + "stability_reason"].values[i]),
+                _unpack_complex(data, prefix + "half_multipliers", i),
+                None if critical is None else complex(critical[0]),
+                _unpack_complex(data, prefix + "mode", i),
             )
         orbits.append(
             Orbit(

@@ -1,0 +1,109 @@
+"""Draw the figures of the documentation anew, into docs/images: ``python docs/make_figures.py`` (a minute)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+import hbbogie as hb
+from hbbogie import plot
+from hbbogie.comparison_report import comparison_of
+from hbbogie.report import Report, figures_of_paper, identification, study
+
+IMAGES = Path(__file__).parent / "images"
+COLOURS = 256  # of the palette: a third of the size, and no difference to be seen
+
+
+def van_der_pol_harmonics() -> Figure:
+    """Draw the error of the period over the highest harmonic, against the published periods."""
+    problem = hb.load_problem("van_der_pol")
+    system = problem.van_der_pol()
+    figure, ((ax,),) = plot.panels(1, 1)
+    with plot.style():
+        for published in problem.PUBLISHED[:2]:
+            coarse = hb.find_cycles(system, mu=published.mu, harmonics=63, stability=False)[0]
+            orders = range(3, 64, 4)
+            errors = []
+            for H in orders:
+                balance = hb.HarmonicBalance(H).equations(system)
+                cycle = hb.solve(balance, coarse, tolerance=1e-13, mu=published.mu)
+                errors.append(abs(cycle.period / published.period - 1))
+            ax.semilogy(orders, np.maximum(errors, 1e-16), "o-", ms=4, label=f"mu = {published.mu:g}")
+        ax.set_xlabel("highest harmonic H [1]")
+        ax.set_ylabel("relative error of the period [1]")
+        ax.legend()
+    return figure
+
+
+def stop_branch() -> Figure:
+    """Draw the amplitude of an oscillator between stops over its damping: with contact and, for comparison, without."""
+    curves = []
+    for k in (10.0, 0.0):
+        x = hb.Coordinate("x", "m")
+        d, e = hb.Parameter("d", -0.2, "N s/m"), hb.Parameter("e", 0.1, "N s3/m3")
+        gap = hb.Parameter("gap", 0.5, "m", bounds=(1e-6, 10.0))
+        stop = hb.Element("stop", hb.DeadBand(stiffness=k, gap=gap), x)
+        system = hb.System("caught", [x], [d, e, gap], [x.ddot + d * x.dot + e * x.dot**3 + x + stop], [stop])
+        (hopf,) = hb.hopf_points(system, "d", (-0.3, 0.1))
+        balance = hb.HarmonicBalance(31).equations(system)
+        branch = hb.trace(balance, hopf, "d", (-0.3, 0.1), longest=0.05)
+        curves.append(branch.with_orbits([o.replace(stability=hb.floquet(system, o)) for o in branch.orbits]))
+    labels = ["stops at 0.5 m", "no stops"]
+    ax = plot.branch(curves, y="x", labels=labels, parameter_label="damping d [N s/m]")
+    ax.axhline(0.5, color="#888888", lw=0.8, ls=":")
+    ax.set_ylim(0, 1.3)
+    return plot.figure_of(ax)
+
+
+def bogie_basin() -> Figure:
+    """Draw the front wheelset at 90 m/s from two starts: one motion dies out, the other hunts."""
+    bogie = hb.load_problem("yang1995").bogie(V=90.0)
+    figure, axes = plot.panels(2, 1, (6.6, 5.0))
+    for ax, q in zip(axes.flat, (0.030, 0.012), strict=True):
+        motion = hb.simulate(bogie, {"q1": q, "q3": q}, 12.0)
+        plot.time_history(motion, "q1", ax=ax).set_title(f"q1 = q3 = {1e3 * q:g} mm at the start", fontsize=11)
+    return figure
+
+
+def save(figure: Figure, name: str) -> None:
+    """Write a figure as a PNG with a palette."""
+    path = plot.save(figure, IMAGES / f"{name}.png")
+    with Image.open(path) as image:
+        small = image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
+    print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+def main(wanted: list[str]) -> None:
+    """Draw the figures whose names are given, or all."""
+    IMAGES.mkdir(exist_ok=True)
+    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin]
+    for draw in own:
+        if not wanted or draw.__name__ in wanted:
+            save(draw(), draw.__name__)
+    module = hb.load_problem("yang1995")
+    jobs: tuple[tuple[Callable[..., Report], tuple[str, ...]], ...] = (
+        (study, ("bifurcation", "frequency", "multipliers", "harmonics", "orbits_90", "spectrum_90")),
+        (figures_of_paper, tuple(f"figure_{n}" for n in range(2, 7))),
+        (comparison_of, ("comparison",)),
+        (identification, ("misfit",)),
+    )
+    for job, names in jobs:
+        chosen = [n for n in names if not wanted or f"yang1995_{n}" in wanted]
+        if chosen:
+            figures = job(module, module.bogie()).figures
+            for name in chosen:
+                save(figures[name](), f"yang1995_{name}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

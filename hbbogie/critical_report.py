@@ -1,0 +1,104 @@
+"""Critical values with their gradients as tables, a sentence and a tornado chart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from hbbogie.critical import Critical, critical_speeds
+from hbbogie.curves import Progress, default_interval, silent
+from hbbogie.report import Report
+from hbbogie.system import System
+from hbbogie.tables import Table, label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHOWN = 12  # bars of the tornado chart
+
+
+def critical_of(
+    module: ModuleType,
+    system: System,
+    progress: Progress = silent,
+    parameter: str | None = None,
+    interval: tuple[float, float] | None = None,
+) -> Report:
+    """Find the critical values of a problem's parameter with their gradients.
+
+    Parameters
+    ----------
+    module : module
+        As returned by `load_problem`; its PARAMETER and RANGE hold where nothing is said.
+    system : System
+    progress : callable
+        Called with (message, fraction done or None).
+    parameter : str, optional
+    interval : (float, float), optional, unit of the parameter
+    """
+    name, own = default_interval(module, system, parameter)
+    span = interval or own
+    progress(f"critical values of {name}", None)
+    found = critical_speeds(system, name, span)
+    unit = system.parameter(name).unit
+    if not found:
+        note = f"No Hopf point and no fold for {name} from {span[0]:g} to {span[1]:g} {unit}".rstrip() + "."
+        return Report(system.name, notes=(note,))
+    first = found[0]
+    notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}."]
+    folds, hopfs = ([c for c in found if c.kind == kind] for kind in ("fold", "hopf"))
+    if folds and hopfs and folds[0].value < hopfs[0].value:
+        notes.append(
+            f"Between {folds[0].value:.6g} and {hopfs[0].value:.6g} {unit}".rstrip()
+            + " the equilibrium is stable and cycles exist: a large disturbance starts them."
+        )
+    figures: dict[str, Callable[[], Figure]] = {"tornado": partial(_tornado, found)}
+    data = {"critical": [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]}
+    tables = (_values(found, unit), _gradients(system, found, unit))
+    return Report(f"{system.name}: critical values of {name}", tables, {}, figures, tuple(notes), data)
+
+
+def _kind(c: Critical) -> str:
+    return "Hopf point" if c.kind == "hopf" else "fold"
+
+
+def _values(found: list[Critical], unit: str) -> Table:
+    columns = ("kind", label(found[0].parameter, unit), "extremum", "omega [rad/s]", "frequency [Hz]")
+    notes = tuple(f"{_kind(c).capitalize()} at {c.value:.6g}: {c.status}." for c in found)
+    rows = tuple((_kind(c), c.value, c.extremum, c.omega, c.orbit.frequency) for c in found)
+    return Table("critical", "Critical values", columns, rows, ("", ".8g", "", ".7g", ".7g"), notes)
+
+
+def _gradients(system: System, found: list[Critical], unit: str) -> Table:
+    """Return gradients and elasticities, the most influential parameter first."""
+    names = sorted(found[0].gradient, key=lambda n: -max(abs(c.elasticities[n]) for c in found))
+    per = f"{unit or '1'} per unit"
+    columns = ["parameter", "unit", "value"]
+    for c in found:
+        at = f"{_kind(c)} {c.value:.5g}"
+        columns += [f"gradient, {at} [{per}]", f"elasticity, {at} [1]"]
+    rows = []
+    for n in names:
+        numbers = [x for c in found for x in (c.gradient[n], c.elasticities[n])]
+        rows.append((n, system.parameter(n).unit or "1", system.values[n], *numbers))
+    note = "Elasticity: relative change of the critical value per relative change of the parameter."
+    formats = ("", "", ".6g", *[".5g", ".5f"] * len(found))
+    return Table("gradients", "Gradients and elasticities", tuple(columns), tuple(rows), formats, (note,))
+
+
+def _tornado(found: list[Critical]) -> Figure:
+    """Draw the elasticities of the most influential parameters as bars."""
+    from hbbogie import plot
+
+    names = sorted(found[0].gradient, key=lambda n: -max(abs(c.elasticities[n]) for c in found))[:SHOWN][::-1]
+    figure, ((ax,),) = plot.panels(1, 1, (7.0, 0.9 + 0.36 * len(names)))
+    height = 0.8 / len(found)
+    for k, c in enumerate(found):
+        places = [i + (k - (len(found) - 1) / 2) * height for i in range(len(names))]
+        ax.barh(places, [c.elasticities[n] for n in names], height, label=f"{_kind(c)}, {c.parameter} = {c.value:.5g}")
+    ax.set_yticks(range(len(names)), names)
+    ax.axvline(0.0, color="#555555", lw=1.0)
+    ax.set_xlabel(f"elasticity d ln {found[0].parameter} / d ln p [1]")
+    return plot.one_legend(figure)

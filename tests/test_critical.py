@@ -1,0 +1,125 @@
+"""Folds and Hopf points with their gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hbbogie as hb
+from hbbogie.critical import hopf_gradient
+
+MASSES = ("Mw", "Mf", "Iwy", "Ify", "Ifr")
+DAMPINGS = ("D1", "D2")
+STIFFNESSES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6")
+CREEP = ("f11", "f22", "f23", "f33")
+
+
+@pytest.fixture(scope="module")
+def criticals(bogie):
+    return {c.kind: c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0))}
+
+
+def test_both_critical_speeds_of_the_bogie(criticals, branch):
+    """PUBLISHED: fold by highest harmonic 15 at 88.763, Hopf point at 90.974 m/s."""
+    assert criticals["fold"].value == pytest.approx(88.763, abs=6e-4)
+    assert criticals["fold"].extremum == "minimum" and criticals["fold"].curvature > 0
+    assert criticals["fold"].value == pytest.approx(branch.folds()[0].value, rel=1e-10)
+    assert criticals["hopf"].value == pytest.approx(90.974, abs=6e-4)
+
+
+@pytest.mark.parametrize("kind", ["fold", "hopf"])
+class TestExactIdentities:
+    """IDENTITY, up to the accuracy of the solve."""
+
+    def test_the_clearance_has_no_influence(self, criticals, kind):
+        """The flange force is homogeneous in the displacement and the clearance."""
+        assert abs(criticals[kind].elasticities["y0"]) < 1e-10
+
+    def test_scaling_of_forces(self, criticals, kind):
+        """All masses, dampings, stiffnesses and creep coefficients times one number: the same motion."""
+        e = criticals[kind].elasticities
+        assert abs(sum(e[n] for n in (*MASSES, *DAMPINGS, *STIFFNESSES, *CREEP))) < 1e-10
+
+    def test_scaling_of_time(self, criticals, kind):
+        e = criticals[kind].elasticities
+        assert 2 * sum(e[n] for n in MASSES) + sum(e[n] for n in DAMPINGS) == pytest.approx(-1, abs=1e-10)
+
+    def test_conicity_and_radius_enter_as_a_ratio(self, criticals, kind):
+        e = criticals[kind].elasticities
+        assert e["lam"] == pytest.approx(-e["r0"], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lam", "K1", "K2", "K0", "f11", "D2", "b", "h2"])
+def test_gradients_against_solves_at_changed_parameters(bogie, criticals, name):
+    """ORDER: central differences of re-solved values, far below 1e-4 of the largest elasticity."""
+    h, values = 1e-4, {"fold": [], "hopf": []}
+    for sign in (1, -1):
+        changed = bogie.with_parameters(**{name: bogie.values[name] * (1 + sign * h)})
+        equations = hb.HarmonicBalance(15).equations(changed)
+        values["fold"].append(hb.fold(equations, criticals["fold"].orbit, "V").value)
+        values["hopf"].append(hb.hopf_points(changed, "V", (60.0, 190.0))[0].value)
+    for kind, (plus, minus) in values.items():
+        c = criticals[kind]
+        assert (plus - minus) / (2 * h) / c.value == pytest.approx(c.elasticities[name], abs=1e-6)
+
+
+def test_bautin_in_closed_form():
+    """SOLVER: fold at -a^2 / 4, so d mu / d a = -a / 2; the Hopf point stays at 0."""
+    system = hb.load_problem("bautin").bautin(a=1.3)
+    fold, hopf = hb.critical_speeds(system, "mu", (-0.9, 0.5))
+    assert (fold.kind, hopf.kind) == ("fold", "hopf")
+    assert fold.value == pytest.approx(-(1.3**2) / 4, rel=1e-10)
+    assert fold.gradient["a"] == pytest.approx(-0.65, rel=1e-9)
+    assert hopf.value == 0.0 and hopf.gradient["a"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_hopf_gradient_where_the_equilibrium_moves():
+    """Brusselator: Hopf point at b = 1 + A^2, so db/dA = 2 A; the equilibrium is (A, b / A)."""
+    x, y = hb.Coordinate("x"), hb.Coordinate("y")
+    b, A = hb.Parameter("b", 2.0), hb.Parameter("A", 1.2)
+    system = hb.System("Brusselator", [x, y], [b, A], [x.dot - A + (b + 1) * x - x**2 * y, y.dot - b * x + x**2 * y])
+    (hopf,) = hb.hopf_points(system, "b", (1.5, 4.0))
+    assert hopf.value == pytest.approx(1 + 1.2**2, rel=1e-9)
+    assert hopf_gradient(system, hopf).gradient["A"] == pytest.approx(2.4, rel=1e-7)
+
+
+def test_a_maximum_is_told_from_a_minimum():
+    """An isola: mu^2 + (r^2 - 1)^2 = 0.04, extrema of mu at -0.2 and 0.2 with r = 1."""
+    x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.0)
+    growth = 0.04 - mu**2 - (x**2 + y**2 - 1) ** 2
+    system = hb.System("isola", [x, y], [mu], [x.dot - growth * x + y, y.dot - growth * y - x])
+    equations = hb.HarmonicBalance(1).equations(system)
+    for value, extremum in ((0.18, "maximum"), (-0.18, "minimum")):
+        circle = hb.Orbit("isola", ("x", "y"), ("", ""), np.array([[0, 0], [1.02, 0], [0, 1.02]]), 1.0, {"mu": value})
+        found = hb.fold(equations, circle, "mu")
+        assert found.extremum == extremum
+        assert found.value == pytest.approx(np.sign(value) * 0.2, rel=1e-9)
+
+
+def test_warm_folds_at_parameters_changed_by_a_fifth(bogie, criticals):
+    """Started from the default bogie, and compared with folds found from scratch."""
+    rng = np.random.default_rng(5)
+    for _ in range(3):
+        changed = {n: v * rng.uniform(0.8, 1.2) for n, v in bogie.values.items() if n != "V"}
+        system = bogie.with_parameters(**changed)
+        scratch = [c for c in hb.critical_speeds(system, "V", (40.0, 200.0)) if c.kind == "fold"]
+        if not scratch:
+            continue
+        warm = hb.fold(hb.HarmonicBalance(15).equations(system), criticals["fold"].orbit, "V")
+        assert min(abs(warm.value / c.value - 1) for c in scratch) < 1e-8
+
+
+def test_without_a_fold_there_is_none():
+    """Bautin with a < 0 is supercritical: the radius grows monotonically with mu."""
+    system = hb.load_problem("bautin").bautin(a=-1.0, mu=0.1)
+    (cycle,) = hb.find_cycles(system, mu=0.1, stability=False)
+    with pytest.raises(hb.ConvergenceError, match="What to try"):
+        hb.fold(hb.HarmonicBalance(3).equations(system), cycle, "mu")
+
+
+def test_wrong_input(bogie, balance, branch):
+    with pytest.raises(hb.ModelError, match="unknown parameter"):
+        hb.fold(balance, branch.folds()[0], "speed")
+    rest = hb.HarmonicBalance(0).equations(bogie)
+    with pytest.raises(hb.ModelError, match="equilibria"):
+        hb.fold(rest, branch.folds()[0], "V")
