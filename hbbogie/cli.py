@@ -13,6 +13,7 @@ from hbbogie.commands import (
     FIGURES,
     AsJson,
     Harmonics,
+    Interval,
     MaybeOutput,
     Output,
     Overrides,
@@ -59,10 +60,7 @@ def run(
 def branch(
     name: Problem,
     parameter: ParameterName = None,
-    interval: Annotated[
-        tuple[float, float] | None,
-        typer.Option("--range", metavar="LO HI", help="Range of the parameter; by default the problem's own."),
-    ] = None,
+    interval: Interval = None,
     harmonics: Harmonics = 15,
     stability: Annotated[
         bool, typer.Option("--stability/--no-stability", help="Judge every cycle by its Floquet multipliers.")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hbbogie.commands import AsJson, Output, Overrides, ParameterName, Problem, command, do
+from hbbogie.commands import AsJson, Interval, Output, Overrides, ParameterName, Problem, command, do
 
 
 @command(
@@ -76,10 +76,7 @@ def identify(
 def critical(
     name: Problem,
     parameter: ParameterName = None,
-    interval: Annotated[
-        tuple[float, float] | None,
-        typer.Option("--range", metavar="LO HI", help="Range of the parameter; by default the problem's own."),
-    ] = None,
+    interval: Interval = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,

@@ -41,6 +41,10 @@ MaybeOutput = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for files; none are written without.")
 ]
 Harmonics = Annotated[int, typer.Option(min=1, help="Highest harmonic of the cycles.")]
+Interval = Annotated[
+    tuple[float, float] | None,
+    typer.Option("--range", metavar="LO HI", help="Range of the parameter; by default the problem's own."),
+]
 ParameterName = Annotated[
     str | None, typer.Option(metavar="NAME", help="Parameter to vary; by default the problem's own.")
 ]

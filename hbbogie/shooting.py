@@ -17,6 +17,7 @@ from hbbogie import fourier
 from hbbogie.errors import ConvergenceError
 from hbbogie.results import Orbit
 from hbbogie.system import System
+from hbbogie.variation import on_lines
 
 Array = NDArray[np.float64]
 
@@ -42,27 +43,11 @@ INTEGRATE = _integrals(_x) @ TO_LEGENDRE / 2
 
 
 def _field(system: System) -> list[ca.Function]:
-    """Return functions of (x, lines, p): dx/dt and the contacts' arguments u, each with its derivative in x.
-
-    Every contact stays on one of its lines; lines, shape (2 contacts,): slope and intercept of each.
-    """
-    n, contacts = system.n, [e for e in system.elements if e.ramps is not None]
-    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
-    lines = ca.SX.sym("lines", 2 * len(contacts))
-    forces = []
-    for e in system.elements:
-        u = e.argument(q, v, p)
-        i = 2 * contacts.index(e) if e in contacts else None
-        forces.append(e.force(u, p) if i is None else lines[i] * u + lines[i + 1])
-    r = system.residual_with_forces(q, v, a, ca.vertcat(*forces), p)
-    second = [i for i, s in enumerate(system.second_order) if s]
-    top = ca.vertcat(*(a[i] if s else v[i] for i, s in enumerate(system.second_order)))
-    solved = ca.solve(ca.jacobian(r, top), -ca.substitute(r, top, ca.SX.zeros(n)))
-    x = ca.vertcat(q, v[second])
-    velocity = ca.vertcat(*(v[i] if s else solved[i] for i, s in enumerate(system.second_order)))
-    dx = ca.vertcat(velocity, solved[second])
+    """Return functions of (x, lines, p): dx/dt and the contacts' arguments u, each with its derivative in x."""
+    q, v, lines, p, velocity, rates, contacts = on_lines(system)
+    x = ca.vertcat(q, v[[i for i, s in enumerate(system.second_order) if s]])
     u = ca.vertcat(*(e.argument(q, velocity, p) for e in contacts)) if contacts else ca.SX(0, 1)
-    outputs = {"rates": dx, "arguments": ca.densify(u)}
+    outputs = {"rates": rates, "arguments": ca.densify(u)}
     return [ca.Function(k, [x, lines, p], [f, ca.densify(ca.jacobian(f, x))]) for k, f in outputs.items()]
 
 

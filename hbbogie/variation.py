@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.elements import AttachedLaw
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
 from hbbogie.system import System
@@ -41,7 +42,12 @@ class _Model:
     arguments: ca.Function
 
 
-def _model(system: System) -> _Model:
+def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, list[AttachedLaw]]:
+    """Return the first-order form with every contact on one of its lines: (q, v, lines, p, velocity, rates, contacts).
+
+    lines, shape (2 contacts,), are slope and intercept of each; the state is x = (q, v of the second-order
+    coordinates), and dx/dt = rates, whose first n entries are the velocity.
+    """
     n, contacts = system.n, [e for e in system.elements if e.ramps is not None]
     q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
     lines = ca.SX.sym("lines", 2 * len(contacts))
@@ -51,15 +57,20 @@ def _model(system: System) -> _Model:
         i = 2 * contacts.index(e) if e in contacts else None
         forces.append(e.force(u, p) if i is None else lines[i] * u + lines[i + 1])
     r = system.residual_with_forces(q, v, a, ca.vertcat(*forces), p)
-    second = [i for i, s in enumerate(system.second_order) if s]
     top = ca.vertcat(*(a[i] if s else v[i] for i, s in enumerate(system.second_order)))
-    rates = ca.solve(ca.jacobian(r, top), -ca.substitute(r, top, ca.SX.zeros(n)))
-    x = ca.vertcat(q, v[second])
-    velocity = [v[i] if s else rates[i] for i, s in enumerate(system.second_order)]
-    A = ca.jacobian(ca.vertcat(*velocity, rates[second]), x)
+    solved = ca.solve(ca.jacobian(r, top), -ca.substitute(r, top, ca.SX.zeros(n)))
+    velocity = ca.vertcat(*(v[i] if s else solved[i] for i, s in enumerate(system.second_order)))
+    second = [i for i, s in enumerate(system.second_order) if s]
+    return q, v, lines, p, velocity, ca.vertcat(velocity, solved[second]), contacts
+
+
+def _model(system: System) -> _Model:
+    q, v, lines, p, _, rates, contacts = on_lines(system)
+    x = ca.vertcat(q, v[[i for i, s in enumerate(system.second_order) if s]])
+    A = ca.jacobian(rates, x)
     varying = sorted(set(ca.Function("A", [x, lines, p], [A]).jac_sparsity(0, 0).get_col()))
     u = ca.vertcat(*(e.argument(q, v, p) for e in contacts)) if contacts else ca.SX(0, 1)
-    rest = ca.substitute(u, ca.vertcat(q, v), ca.SX.zeros(2 * n))
+    rest = ca.substitute(u, ca.vertcat(q, v), ca.SX.zeros(2 * system.n))
     inputs = [x[varying], lines, p]
     return _Model(
         np.array(varying, dtype=int),
