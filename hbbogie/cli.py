@@ -93,7 +93,9 @@ def cycles(
     name: Problem,
     overrides: Overrides = None,
     parameter: ParameterName = None,
-    harmonics: Harmonics = 15,
+    harmonics: Annotated[
+        int | None, typer.Option(min=1, help="Highest harmonic; as many as the error estimate asks for without.")
+    ] = None,
     output: MaybeOutput = None,
     as_json: AsJson = False,
 ) -> None:
@@ -109,7 +111,7 @@ def cycles(
     with progress_shown() as progress:
         progress("looking for cycles", None)
         found = report.report_of_cycles(
-            system, parameter, find_cycles(system, parameter=parameter, harmonics=harmonics)
+            system, parameter, find_cycles(system, parameter=parameter, harmonics=harmonics or "auto")
         )
         files = [] if output is None else found.write(output, progress)
     deliver(found, files, as_json)

@@ -19,10 +19,12 @@ from hbbogie.settling import last_orbit, settle
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet
 from hbbogie.system import System
+from hbbogie.verification import verify
 
 Array = NDArray[np.float64]
 STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
 LONGEST, SLOWEST = 120.0, 60.0  # simulated at most: so many seconds, or time constants of the slowest mode
+ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
 SAME = 1e-6  # cycles closer than this, relative to their size, are one
 
 
@@ -31,7 +33,8 @@ def find_cycles(
     *,
     parameter: str | None = None,
     interval: tuple[float, float] | None = None,
-    harmonics: int = 15,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-3,
     stability: bool = True,
     **values: float,
 ) -> list[Orbit]:
@@ -51,10 +54,13 @@ def find_cycles(
     interval : (float, float), optional, unit of the parameter
         Where to look for Hopf points; by default twice the value (at least 1) to either side, within the
         parameter's bounds.
-    harmonics : int
-        Highest harmonic.
+    harmonics : int or "auto"
+        Highest harmonic. "auto" begins with 15 and doubles, up to 127, until the error estimate of each cycle
+        meets the tolerance.
+    tolerance : float
+        Largest error of frequency and waveform, relative, that "auto" is content with.
     stability : bool
-        Whether to compute Floquet multipliers and the verdict.
+        Whether to compute Floquet multipliers and the verdict, and the error estimates by shooting.
     **values : float
         Parameter values, by name.
 
@@ -79,17 +85,68 @@ def find_cycles(
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
     value, (lo, hi) = system.values[system.parameter(name).name], interval or default_reach(system, name)
-    equations = HarmonicBalance(harmonics).equations(system)
+    if isinstance(harmonics, str) and harmonics != "auto":
+        raise ModelError(f"find_cycles: harmonics={harmonics!r}; give a whole number, or 'auto'.")
+    if harmonics != "auto":
+        found = _search(HarmonicBalance(int(harmonics)).equations(system), name, value, (lo, hi))
+        return [_judged(system, orbit) for orbit in found] if stability else found
+    for H in ORDERS:
+        try:
+            found = _search(HarmonicBalance(H).equations(system), name, value, (lo, hi))
+            break
+        except ConvergenceError:
+            if ORDERS[-1] == H:
+                raise
+    return [_refined(system, orbit, tolerance, stability) for orbit in found]
+
+
+def _search(equations: Equations, name: str, value: float, interval: tuple[float, float]) -> list[Orbit]:
+    """Find the cycles of some equations at a value of a parameter, by branches, else by simulation."""
     found: list[Orbit] = []
-    for branch in branches_from_hopf(equations, name, (lo, hi), families=False):
+    for branch in branches_from_hopf(equations, name, interval, families=False):
         found = distinct([*found, *crossings(equations, branch, value)])
     if not found:
         found = settled_cycles(equations, name)
         if not all(_isolated(equations, cycle) for cycle in found):
             raise ModelError(_family(name, value))
-    if stability:
-        found = [orbit.replace(stability=floquet(system, orbit)) for orbit in found]
     return found
+
+
+def _verified(system: System, orbit: Orbit) -> tuple[Orbit, float]:
+    """Return the orbit with error estimates and their largest, relative; infinite where shooting does not converge."""
+    try:
+        checked = verify(system, orbit)
+    except ConvergenceError as error:
+        return orbit.replace(status=f"{orbit.status}; no error estimate: {error}"), np.inf
+    errors = {"omega": abs(checked.omega_error), "waveform": checked.waveform_error}
+    errors |= {name: abs(e) for name, e in checked.amplitude_errors.items()}
+    stability = checked.orbit.stability
+    return orbit.replace(errors=errors, stability=stability), max(errors["omega"] / orbit.omega, errors["waveform"])
+
+
+def _judged(system: System, orbit: Orbit) -> Orbit:
+    """Return the orbit with error estimates and the verdict on itself, whatever its errors."""
+    return _verified(system, orbit)[0].replace(stability=floquet(system, orbit))
+
+
+def _refined(system: System, orbit: Orbit, tolerance: float, stability: bool) -> Orbit:
+    """Return the orbit with as many harmonics as the tolerance takes, judged by the cycle polished by shooting."""
+    best, error = _verified(system, orbit)
+    for H in ORDERS:
+        if error <= tolerance or H <= orbit.H:
+            continue
+        try:
+            orbit = solve(HarmonicBalance(H).equations(system), orbit)
+        except ConvergenceError:
+            break
+        best, error = _verified(system, orbit)
+    if best.stability is None and stability:
+        best = best.replace(stability=floquet(system, best))
+    enough = "meets" if error <= tolerance else "misses"
+    return best.replace(
+        stability=best.stability if stability else None,
+        status=f"{best.status}; with harmonics up to {best.H} the error estimate {error:.1e} {enough} {tolerance:.0e}",
+    )
 
 
 def default_reach(system: System, parameter: str) -> tuple[float, float]:

@@ -132,14 +132,15 @@ def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cy
     for i, o in enumerate(orbits):
         sizes = [*(o.amplitude(c) for c, _ in named), *(o.first_harmonic(c) for c, _ in named)]
         verdict = o.stability.verdict if o.stability else None
-        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, largest_multiplier(o)))
+        error = o.errors["waveform"] if o.errors else None
+        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, largest_multiplier(o), o.H, error))
     reasons = [
         f"Cycle {i + 1}: {o.stability.reason}"
         for i, o in enumerate(orbits)
         if o.stability and o.stability.verdict == "unknown"
     ]
-    formats = ("d", *[".7g"] * (len(columns) - 1), "", ".6g")
-    columns += ["stability", "largest multiplier [1]"]
+    formats = ("d", *[".7g"] * (len(columns) - 1), "", ".6g", "d", ".1e")
+    columns += ["stability", "largest multiplier [1]", "highest harmonic", "waveform error [1]"]
     return Table(name, title, tuple(columns), tuple(rows), formats, tuple(reasons))
 
 

@@ -189,6 +189,25 @@ class TestFindCycles:
         with pytest.raises(ModelError, match="continuous family"):
             hb.find_cycles(getattr(hb.load_problem(name), name)(), d=0.0)
 
+    @pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
+    def test_as_many_harmonics_as_the_tolerance_takes(self, tolerance):
+        """The estimates are true errors: those of the period against the published one, and of the peak."""
+        (cycle,) = hb.find_cycles(hb.load_problem("van_der_pol").van_der_pol(mu=5.0), tolerance=tolerance)
+        assert cycle.errors["waveform"] <= tolerance
+        assert cycle.H > 15 and "meets" in cycle.status
+        error = abs(cycle.omega - 2 * np.pi / 11.61223066771957)
+        assert cycle.errors["omega"] == pytest.approx(error, rel=1e-3, abs=1e-12)
+
+    def test_error_bars_of_both_bogie_cycles(self, cycles_at_90):
+        """Against exact periodic orbits, printed to eight digits."""
+        for cycle, omega, a1 in zip(cycles_at_90, (27.043851, 27.777184), (0.00945603, 0.01001397), strict=True):
+            assert cycle.errors["omega"] == pytest.approx(abs(cycle.omega - omega), abs=1e-6)
+            assert cycle.errors["q1"] == pytest.approx(abs(cycle.amplitude("q1") - a1), abs=1e-8)
+
+    def test_harmonics_must_be_a_number_or_auto(self, bogie):
+        with pytest.raises(ModelError, match="'auto'"):
+            hb.find_cycles(bogie, harmonics="many", V=90.0)
+
     def test_too_few_harmonics_earn_no_verdict(self):
         """At mu = 20 five harmonics are a caricature; the trivial multiplier tells."""
         (cycle,) = hb.find_cycles(hb.load_problem("van_der_pol").van_der_pol(mu=20.0), harmonics=5)

@@ -144,7 +144,7 @@ def test_default_study_of_the_bautin_form():
     said = []
     report = study(module, system, lambda message, fraction: said.append((message, fraction)))
     tables = {t.name: t for t in report.tables}
-    assert [row[-2] for row in tables["cycles"].rows] == ["unstable", "stable"]
+    assert [row[-4] for row in tables["cycles"].rows] == ["unstable", "stable"]
     special = {row[0]: row[1] for row in tables["special_points"].rows}
     assert special["hopf"] == pytest.approx(0.0, abs=1e-12)
     assert special["fold"] == pytest.approx(-0.25, abs=1e-8)  # -a^2/4 with a = 1

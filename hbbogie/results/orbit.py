@@ -81,6 +81,9 @@ class Orbit:
         A sentence on how the solve ended.
     stability : Stability or None
         None where it was not asked for.
+    errors : dict of float, or None
+        Error estimates from shooting: "omega" [rad/s], "waveform" (largest distance relative to the peak), and the
+        error of each coordinate's peak by its name [its unit]. None where they were not asked for or not found.
     """
 
     system: str
@@ -93,6 +96,7 @@ class Orbit:
     residual: float = float("nan")
     status: str = ""
     stability: Stability | None = None
+    errors: dict[str, float] | None = None
 
     @property
     def H(self) -> int:
@@ -166,6 +170,7 @@ class Orbit:
             "multipliers": [[m.real, m.imag] for m in self.stability.multipliers.tolist()] if self.stability else None,
             "residual": self.residual,
             "tail": self.tail,
+            "errors": self.errors,
             "parameters": dict(self.parameters),
         }
 
@@ -209,6 +214,7 @@ def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> tuple[dic
             {"long_name": "largest absolute value over the period"},
         ),
         "residual": (dimension, [o.residual for o in orbits]),
+        "errors": (dimension, np.array([json.dumps(o.errors) for o in orbits], dtype=str)),
         "method": (dimension, np.array([o.method for o in orbits], dtype=str)),
         "status": (dimension, np.array([o.status for o in orbits], dtype=str)),
     }
@@ -290,6 +296,7 @@ def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
                 float(data[prefix + "residual"].values[i]),
                 str(data[prefix + "status"].values[i]),
                 stability,
+                json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
             )
         )
     return orbits
