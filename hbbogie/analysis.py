@@ -252,19 +252,20 @@ def split(system: System, contact: bool, *, every_law: bool = False) -> Parts:
     )  # fmt: skip
 
 
-def is_odd(system: System, trials: int = 60) -> bool:
+def is_odd(system: System, trials: int = 60, spread: float = 0.4) -> bool:
     """Test the identity r(-x, p) = -r(x, p) at random states and parameter values.
 
     The magnitude of the states runs over nine decades, so that every piece of a piecewise law is met;
-    the parameters are taken within their bounds, about their values (about 1 where the value is 0).
+    the parameters are taken within their bounds, about their values (about 1 where the value is 0), up to the
+    relative distance ``spread``: with 0 the identity is tested at the values themselves.
     """
     rng = np.random.default_rng(1995)
     n, values = system.n, system.vector()
     low, high = (np.array([p.bounds[k] for p in system.parameters]) for k in (0, 1))
     shape = (n, trials)
     x = [rng.standard_normal(shape) * 10.0 ** rng.uniform(-5, 4, (1, trials)) for _ in range(3)]
-    spread = np.where(values == 0, 1.0, np.abs(values))[:, None]
-    p = np.clip(values[:, None] + spread * rng.uniform(-0.4, 0.4, (len(values), trials)), low[:, None], high[:, None])
+    reach = spread * np.where(values == 0, 1.0, np.abs(values))[:, None]
+    p = np.clip(values[:, None] + reach * rng.uniform(-1, 1, (len(values), trials)), low[:, None], high[:, None])
     plus, minus = (system.residual.map(trials)(*(s * xi for xi in x), p).full() for s in (1.0, -1.0))
     finite = np.isfinite(plus) & np.isfinite(minus)
     size = np.maximum(np.abs(plus), np.abs(minus)).max(axis=0, keepdims=True)

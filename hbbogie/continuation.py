@@ -142,11 +142,11 @@ def trace(
         raise ModelError(
             f"trace: step={step}, longest={longest}, max_points={max_points}; need 0 < step <= longest, 2 points."
         )
-    from_hopf = isinstance(start, SpecialPoint) and start.kind == "hopf"
-    orbit = start.orbit if isinstance(start, SpecialPoint) else start
-    if from_hopf:
-        assert isinstance(start, SpecialPoint)
-        orbit = first_cycle(equations, start)
+    if equations.phase is None:
+        raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
+    from_hopf, orbit = False, start.orbit if isinstance(start, SpecialPoint) else start
+    if isinstance(start, SpecialPoint) and start.kind == "hopf":
+        from_hopf, orbit = True, first_cycle(equations, start)
     p = equations.system.vector()
     place = equations.system.parameter_names.index(parameter)
     p[place] = orbit.parameters.get(parameter, p[place])
@@ -196,8 +196,7 @@ def _first_point(curve: _Curve, orbit: Orbit, equations: Equations, growing: boo
     """Put the start on the curve: at its parameter value, or at its amplitude where that fails or is asked for."""
     place = curve.problem.free[0]
     name = equations.system.parameter_names[place]
-    assert equations.phase is not None
-    coordinate = equations.system.coordinate_names[equations.phase]
+    coordinate = equations.system.coordinate_names[equations.phase or 0]
     by_amplitude: dict[str, Any] = {
         "amplitude": {coordinate: orbit.first_harmonic(coordinate)},
         "free": name,

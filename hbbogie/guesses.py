@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -147,9 +148,8 @@ def check_interval(system: System, parameter: str, interval: tuple[float, float]
     return lo, hi
 
 
-def _brackets(grid: Array, samples: Array, alpha: object) -> list[tuple[float, float]]:
+def _brackets(grid: Array, samples: Array, alpha: Callable[[float], float]) -> list[tuple[float, float]]:
     """Return intervals over which the function changes sign; extrema close to zero are refined first."""
-    assert callable(alpha)
     brackets: list[tuple[float, float]] = []
     spread = np.nanmax(np.abs(np.diff(samples)), initial=0.0)
     for i in range(len(grid) - 1):
@@ -168,8 +168,9 @@ def _brackets(grid: Array, samples: Array, alpha: object) -> list[tuple[float, f
     return brackets
 
 
-def _hopf(line: Linearisation, parameter: str, alpha: object, a: float, b: float, k: int) -> SpecialPoint:
-    assert callable(alpha)
+def _hopf(
+    line: Linearisation, parameter: str, alpha: Callable[[float], float], a: float, b: float, k: int
+) -> SpecialPoint:
     ends = alpha(a), alpha(b)
     value = (
         a

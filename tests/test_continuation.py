@@ -121,6 +121,10 @@ class TestBogieBranch:
         with pytest.raises(ModelError, match=message):
             hb.trace(balance, branch.orbits[-1], *arguments)
 
+    def test_equilibria_are_no_cycles(self, bogie, branch):
+        with pytest.raises(ModelError, match="those of equilibria"):
+            hb.trace(hb.HarmonicBalance(0).equations(bogie), branch.orbits[-1], "V", (60.0, 190.0))
+
 
 def test_bautin_branch_in_closed_form():
     """SOLVER: r^2 = (a +- sqrt(a^2 + 4 mu)) / 2 on the branch, fold at mu = -a^2 / 4."""

@@ -267,3 +267,13 @@ class TestContactsOfAnOddSystemThatAreNotOddThemselves:
         """Stops at 1 shifted by +-0.3 are stops at 0.7 and at 1.3."""
         band = hb.DeadBand(1.0, 1.0)
         self._same([(band, 0.3), (band, -0.3)], [(hb.DeadBand(1.0, 0.7), 0), (hb.DeadBand(1.0, 1.3), 0)])
+
+
+def test_odd_harmonics_cannot_be_forced_on_a_system_that_is_not_odd():
+    x, e = hb.Coordinate("x"), hb.Parameter("e", 0.0)
+    system = hb.System("s", [x], [e], [x.ddot - (1 - x**2) * x.dot + x + e * x**2])
+    assert not system.odd  # not for all values of e
+    assert hb.HarmonicBalance(5).kept(system) == (0, 1, 2, 3, 4, 5)
+    assert hb.HarmonicBalance(5, odd=True).kept(system) == (1, 3, 5)
+    with pytest.raises(ModelError, match="not odd at its parameter values"):
+        hb.HarmonicBalance(5, odd=True).equations(system.with_parameters(e=0.1))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbbogie.analysis import is_odd
 from hbbogie.equations import Equations
 from hbbogie.errors import ModelError
 from hbbogie.methods.assembly import Assembly
@@ -27,7 +28,8 @@ class HarmonicBalance:
         Samples per period for nonlinear forces that are not piecewise linear. The default 16 (H + 1) is
         free of aliasing for polynomial forces up to degree 15, and so is half of it up to degree 7.
     odd : bool, optional
-        Keep the odd harmonics only. By default where the system is proved to be odd.
+        Keep the odd harmonics only. By default where the system is proved to be odd, for all parameter values;
+        True asks for it where it is odd at the present ones.
     condense : bool
         Eliminate the coordinates that enter linearly, harmonic by harmonic (eq-condensation).
     contact : bool
@@ -69,6 +71,11 @@ class HarmonicBalance:
         odd = system.odd if self.odd is None and self.harmonics else bool(self.odd)
         if odd and not self.harmonics:
             raise ModelError("HarmonicBalance: odd=True leaves no harmonic of 0 ... 0; give harmonics of at least 1.")
+        if self.odd and not (system.odd or is_odd(system, spread=0.0)):
+            raise ModelError(
+                f"HarmonicBalance: odd=True, but system {system.name!r} is not odd at its parameter values: its cycles "
+                "have a mean and even harmonics; leave odd out."
+            )
         return tuple(h for h in range(self.harmonics + 1) if h % 2 or not odd)
 
     def layout(self, system: System, kept: tuple[int, ...]) -> Layout:
