@@ -132,6 +132,7 @@ def spectrum(
         top = factor * float((sizes[0][1:] * h**4).max())
         ax.plot(h, top * h**-4.0, ls="--", lw=1.0, color="#888888", label="$h^{-4}$", zorder=1)
     ax.set_yscale("log")
+    ax.set_xlim(-0.5, max(o.H for o in many) + 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("harmonic h [1]")
     ax.set_ylabel(f"amplitude of {name} [{unit}]")
