@@ -150,14 +150,23 @@ def state_matrix(system: System) -> ca.Function:
 
 def first_order_form(system: System) -> ca.Function:
     """Return (x, p) -> dx/dt with x = (q, velocities of the second-order coordinates)."""
-    (q, v, a, p), top, E = _leading(system, system.residual)
-    r = system.residual(q, v, a, p)
-    rates = ca.solve(E, -ca.substitute(r, top, ca.SX.zeros(system.n)))
-    second = [i for i, s in enumerate(system.second_order) if s]
-    x = ca.vertcat(q, v[second]) if second else q
-    velocity = ca.vertcat(*(v[i] if s else rates[i] for i, s in enumerate(system.second_order)))
-    dx = ca.vertcat(velocity, rates[second]) if second else velocity
+    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (*[system.n] * 3, len(system.parameters)), strict=True))
+    dx = solved_rates(system, system.residual(q, v, a, p), v, a)
+    x = state_of(system, q, v)
     return ca.Function("ode", [x, p], [ca.simplify(dx)], ["x", "p"], ["dx"])
+
+
+def solved_rates(system: System, r: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+    """Solve equations r = 0 for the rates of the state (q, v of the second-order coordinates), velocities first."""
+    top = ca.vertcat(*(a[i] if s else v[i] for i, s in enumerate(system.second_order)))
+    solved = ca.solve(ca.jacobian(r, top), -ca.substitute(r, top, ca.SX.zeros(system.n)))
+    velocity = [v[i] if s else solved[i] for i, s in enumerate(system.second_order)]
+    return state_of(system, ca.vertcat(*velocity), solved)
+
+
+def state_of(system: System, q: ca.SX, v: ca.SX) -> ca.SX:
+    """Return the entries q of all coordinates, then those of v of the second-order ones."""
+    return ca.vertcat(q, *(v[i] for i, s in enumerate(system.second_order) if s))
 
 
 def linear_matrices(residual: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:

@@ -132,7 +132,8 @@ def identify(
     weights = np.where(np.isfinite(program.table.measured), 1.0, 0.0)
     x = program.solve(program.start([orbits[i] for i in used]), weights)
     for _ in range(ROUNDS if robust else 0):
-        distance = _distance(program.misfit(x), program.misfit(x), table.sigma)
+        misfit = program.misfit(x)
+        distance = _distance(misfit, misfit, table.sigma)
         before, full = weights, np.isfinite(program.table.measured)
         weights = np.where(full, np.maximum(1 - (distance / TUKEY) ** 2, IGNORED), 0.0)
         polished = program.polish(x, weights)

@@ -14,6 +14,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from hbbogie import fourier
+from hbbogie.analysis import state_of
 from hbbogie.errors import ConvergenceError
 from hbbogie.results import Orbit
 from hbbogie.system import System
@@ -45,7 +46,7 @@ INTEGRATE = _integrals(_x) @ TO_LEGENDRE / 2
 def _field(system: System) -> list[ca.Function]:
     """Return functions of (x, lines, p): dx/dt and the contacts' arguments u, each with its derivative in x."""
     q, v, lines, p, velocity, rates, contacts = on_lines(system)
-    x = ca.vertcat(q, v[[i for i, s in enumerate(system.second_order) if s]])
+    x = state_of(system, q, v)
     u = ca.vertcat(*(e.argument(q, velocity, p) for e in contacts)) if contacts else ca.SX(0, 1)
     outputs = {"rates": rates, "arguments": ca.densify(u)}
     return [ca.Function(k, [x, lines, p], [f, ca.densify(ca.jacobian(f, x))]) for k, f in outputs.items()]

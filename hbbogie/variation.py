@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.analysis import solved_rates, state_of
 from hbbogie.elements import AttachedLaw
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
@@ -57,16 +58,13 @@ def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, 
         i = 2 * contacts.index(e) if e in contacts else None
         forces.append(e.force(u, p) if i is None else lines[i] * u + lines[i + 1])
     r = system.residual_with_forces(q, v, a, ca.vertcat(*forces), p)
-    top = ca.vertcat(*(a[i] if s else v[i] for i, s in enumerate(system.second_order)))
-    solved = ca.solve(ca.jacobian(r, top), -ca.substitute(r, top, ca.SX.zeros(n)))
-    velocity = ca.vertcat(*(v[i] if s else solved[i] for i, s in enumerate(system.second_order)))
-    second = [i for i, s in enumerate(system.second_order) if s]
-    return q, v, lines, p, velocity, ca.vertcat(velocity, solved[second]), contacts
+    rates = solved_rates(system, r, v, a)
+    return q, v, lines, p, rates[:n], rates, contacts
 
 
 def _model(system: System) -> _Model:
     q, v, lines, p, _, rates, contacts = on_lines(system)
-    x = ca.vertcat(q, v[[i for i, s in enumerate(system.second_order) if s]])
+    x = state_of(system, q, v)
     A = ca.jacobian(rates, x)
     varying = sorted(set(ca.Function("A", [x, lines, p], [A]).jac_sparsity(0, 0).get_col()))
     u = ca.vertcat(*(e.argument(q, v, p) for e in contacts)) if contacts else ca.SX(0, 1)

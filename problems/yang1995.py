@@ -270,8 +270,7 @@ def study(system: System, progress: Progress) -> Report:
     progress(f"highest harmonics 1 to {TRUTH}", 0.7)
     convergence = harmonic_convergence(system, rows, hopf[0])
     tables = (table_of_states(rows), table_of_deviations(rows), convergence)
-    both = [o for o in crossings(balance, branch, 90.0)]
-    both = [o.replace(stability=floquet(system, o)) for o in both]
+    both = [o.replace(stability=floquet(system, o)) for o in crossings(balance, branch, 90.0)]
     folds = [f"{f.value:.4f} m/s" for f in branch.folds()]
     notes = (
         f"Linear critical speed {hopf[0].value:.3f} m/s, omega {hopf[0].omega:.4f} rad/s "
