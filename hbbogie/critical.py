@@ -194,7 +194,7 @@ def _by_tracing(equations: Equations, place: int, orbit: Orbit, tolerance: float
     span = max(value - reach, low), min(value + reach, high)
     for hopf in hopf_points(equations.system, name, span):
         try:
-            branch = trace(equations, hopf, name, span, families=False)
+            branch = trace(equations, hopf, name, span, families=False, stability=False)
         except ConvergenceError:
             continue
         for special in branch.folds():
@@ -317,7 +317,7 @@ def critical_speeds(
     for hopf in hopf_points(system, parameter, span):
         found.append(hopf_gradient(system, hopf))
         try:
-            branch = trace(equations, hopf, parameter, span, families=False)
+            branch = trace(equations, hopf, parameter, span, families=False, stability=False)
         except ConvergenceError:
             continue
         for special in branch.folds():

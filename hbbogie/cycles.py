@@ -163,7 +163,7 @@ def branches_from_hopf(
     branches = []
     for hopf in hopf_points(equations.system, parameter, interval):
         try:
-            branches.append(trace(equations, hopf, parameter, interval, families=families))
+            branches.append(trace(equations, hopf, parameter, interval, families=families, stability=False))
         except ConvergenceError:
             continue  # no cycle of the kept harmonics begins here
     return branches

@@ -98,7 +98,7 @@ class Report:
 
 
 def _branch_dict(b: Branch) -> dict[str, Any]:
-    keep = ("kind", "parameter", "value", "interval", "omega", "status")
+    keep = ("kind", "parameter", "value", "interval", "omega", "criticality", "status")
     special = [{name: getattr(s, name) for name in keep} for s in b.special]
     peaks = {c: b.amplitude(c) for c in b.orbits[0].coordinates}
     content = {"parameter": b.parameter, "values": b.values, "omega_rad_s": b.omega, "amplitude": peaks}
@@ -225,7 +225,9 @@ def report_of_curves(system: System, found: Curves) -> Report:
     """Return tables, figures and notes of the curves of cycles over a parameter."""
     parameter, q = found.parameter, system.coordinate_names[0]
     unit = system.parameter(parameter).unit
-    points = [*found.hopf, *(s for b in found.branches.values() for s in b.special)]
+    along = [s for b in found.branches.values() for s in b.special]
+    traced = {(s.kind, s.value) for s in along}
+    points = [*(s for s in found.hopf if (s.kind, s.value) not in traced), *along]
     where = f"between {parameter} = {found.interval[0]:g} and {quantity(system, parameter, found.interval[1])}"
     notes = list(found.notes)
     tables: list[Table] = []

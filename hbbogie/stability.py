@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.analysis import is_odd
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit, Stability
 from hbbogie.system import System
@@ -103,11 +104,12 @@ def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
     """Return whether half a period is to be integrated; raise `ModelError` when it is asked for and not enough."""
     if half is False:
         return False
+    odd = fourier.is_odd(orbit.coefficients)
     if orbit.H == 0:
         why = "the orbit is an equilibrium"
-    elif not system.odd:
+    elif not (system.odd or (odd and is_odd(system.with_parameters(**orbit.parameters), spread=0.0))):
         why = f"the system {system.name!r} is not odd"
-    elif not fourier.is_odd(orbit.coefficients):
+    elif not odd:
         why = "the orbit has a mean or even harmonics"
     else:
         return True
