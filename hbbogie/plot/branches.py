@@ -269,7 +269,7 @@ def _joint(a: Array, b: Array, special: Sequence[Array]) -> Array:
 
 def _mark(ax: Axes, marks: Sequence[tuple[str, float, float]], parameter: str) -> None:
     """Mark special points (kind, value, height); the values stand in the legend."""
-    dress = {"fold": ("D", "fold"), "hopf": ("s", "Hopf point"), "grazing": ("|", "grazing")}
+    dress = {"fold": ("D", "fold"), "hopf": ("s", "Hopf point"), "grazing": ("o", "grazing")}
     dress |= {
         "pitchfork": ("^", "pitchfork"),
         "period doubling": ("v", "period doubling"),
@@ -282,7 +282,10 @@ def _mark(ax: Axes, marks: Sequence[tuple[str, float, float]], parameter: str) -
         if len(places) <= 2:
             text += f" ({parameter} = {', '.join(places)})"
         u, w = zip(*some, strict=True)
-        ax.plot(u, w, marker, label=text, zorder=5, ms=6.5, color=INK, mec="white", mew=1.0, ls="none")
+        look: dict[str, Any] = {"ms": 6.5, "color": INK, "mec": "white", "mew": 1.0}
+        if kind == "grazing":  # often next to a fold, which it must not hide
+            look = {"ms": 9.0, "mfc": "none", "mec": INK, "mew": 0.9}
+        ax.plot(u, w, marker, label=text, zorder=5, ls="none", **look)
 
 
 def _judged(orbits: Sequence[Orbit]) -> list[tuple[Orbit, NDArray[np.complex128]]]:
