@@ -21,6 +21,7 @@ from hbbogie.laws import (
     Friction,
     Polynomial,
     Saturation,
+    Step,
     Tabulated,
 )
 from hbbogie.methods.describing import describing_function
@@ -56,6 +57,7 @@ __all__ = [
     "Saturation",
     "SpecialPoint",
     "Stability",
+    "Step",
     "System",
     "Tabulated",
     "Trajectory",
