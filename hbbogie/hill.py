@@ -70,7 +70,8 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
     Raises
     ------
     ModelError
-        When the orbit does not belong to the system or is no cycle, or harmonics or tolerance are not acceptable.
+        When the orbit does not belong to the system or is no cycle, when an element jumps, or when harmonics or
+        tolerance are not acceptable.
 
     Notes
     -----
@@ -94,6 +95,12 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
     check_orbit(system, orbit)
     if orbit.H == 0:
         raise ModelError("Hill's method is for cycles; got an equilibrium. Use floquet.")
+    jumping = [e.name for e in system.elements if e.heights is not None]
+    if jumping:
+        raise ModelError(
+            f"Hill's method does not see jumps of the vector field ({', '.join(jumping)}): its series of the state matrix "
+            "has none. Use floquet, or verify."
+        )
     H = orbit.H if harmonics is None else harmonics
     if int(H) != H or H < 1:
         raise ModelError(f"harmonics: got {harmonics!r}; give a whole number, 1 or more.")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.analysis import is_odd
 from hbbogie.errors import ModelError
+from hbbogie.jumps import passages_along
 from hbbogie.results import Orbit, Stability
 from hbbogie.system import System
 from hbbogie.variation import Waveform, check_orbit, mesh_of, product, trace_integral, transitions_over
@@ -61,14 +62,16 @@ def floquet(
     The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series, one
     fourth-order Runge-Kutta step from the identity for each interval of a mesh; the product of the
     transition matrices is the monodromy matrix. The contact times of piecewise-linear elements are mesh
-    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink. A
+    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink. Where
+    an element jumps, the jump matrix (eq-jump) is a further factor; a motion that does not pass there but
+    sticks is not followed, and the verdict is "unknown". A
     kink written with ``fmax`` or ``fabs`` in the equations, not as an element, is not seen and costs
     accuracy. With the default steps multipliers above 1e-4 are good to about 1e-6 of their size, for the
     orbit as given; its own error comes on top.
 
     One multiplier of a cycle is 1; the error of the nearest measures orbit and integration together. The
     determinant measures the integration alone: the sum of log abs det over the intervals must be the
-    integral of the trace of A (Liouville). When either fails, or a multiplier lies closer to the unit circle
+    integral of the trace of A (Liouville), plus the logarithms of the jumps' determinants. When either fails, or a multiplier lies closer to the unit circle
     than five times the trivial error, the verdict is "unknown". Of multipliers below about 1e-12 only the
     smallness is meant: they are round-off.
 
@@ -88,15 +91,18 @@ def floquet(
         return _equilibrium(system, orbit, p, tolerance)
     waveform = Waveform(system, orbit, p)
     mesh = mesh_of(waveform, steps, half=halved)
-    transitions = transitions_over(waveform, mesh)
+    passages = passages_along(waveform, mesh)
+    none = np.full(system.n_states, np.nan, dtype=complex)
+    if passages.obstacle:
+        return Stability("unknown", none, float("nan"), 0, f"{passages.obstacle}.")
+    transitions = passages.inserted(transitions_over(waveform, mesh))
     monodromy = product(transitions)
     if not np.isfinite(monodromy).all():
-        none = np.full(system.n_states, np.nan, dtype=complex)
         reason = f"the variational equations overflow with {len(mesh) - 1} steps; take more steps."
         return Stability("unknown", none, float("nan"), 0, reason)
     parts = 2 if halved else 1
     log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
-    trace = parts * trace_integral(waveform, mesh)
+    trace = parts * (trace_integral(waveform, mesh) + passages.log_determinant)
     return _judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
 
 

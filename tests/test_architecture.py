@@ -13,7 +13,7 @@ FLOORS = {
     "errors": 0, "fourier": 0,
     "ramps": 0, "laws": 1, "elements": 1, "results": 1,
     "analysis": 2, "system": 2,
-    "equations": 3, "integration": 3, "settling": 3, "variation": 3, "stability": 3, "hill": 3, "shooting": 3,
+    "equations": 3, "integration": 3, "settling": 3, "variation": 3, "jumps": 3, "stability": 3, "hill": 3, "shooting": 3,
     "methods": 4, "solvers": 4,
     "guesses": 5, "verification": 5,
     "normal_form": 5, "arclength": 5, "switching": 5, "bifurcations": 6, "continuation": 6, "cycles": 6,
