@@ -98,8 +98,8 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
     jumping = [e.name for e in system.elements if e.heights is not None]
     if jumping:
         raise ModelError(
-            f"Hill's method does not see jumps of the vector field ({', '.join(jumping)}): its series of the state matrix "
-            "has none. Use floquet, or verify."
+            f"Hill's method does not see jumps of the vector field ({', '.join(jumping)}): the series of the state "
+            "matrix has none. Use floquet, or verify."
         )
     H = orbit.H if harmonics is None else harmonics
     if int(H) != H or H < 1:

@@ -222,13 +222,16 @@ def _located(system: System) -> ca.Function:
 
 
 def _held(system: System) -> tuple[ca.Function, ca.Function]:
-    """Return functions of (x, on, p): dx/dt with each ramp of the elements that jump held on (1) or off (0), and how
-    far the argument is beyond the beginning of each."""
+    """Return functions of (x, on, p): dx/dt, and how far the argument of each ramp is beyond its beginning.
+
+    The ramps are those of the elements that jump; ``on`` holds each on (1) or off (0), whatever its argument.
+    """
     n = system.n
     q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
     jumping = [e for e in system.elements if e.heights is not None]
     on = ca.SX.sym("on", sum(len(e.directions) for e in jumping))
-    forces, depths = [], []
+    forces: list[ca.SX] = []
+    depths: list[ca.SX] = []
     for e in system.elements:
         u = e.argument(q, v, p)
         if e.heights is None:

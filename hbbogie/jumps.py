@@ -75,15 +75,22 @@ def passages_along(waveform: Waveform, mesh: Array) -> Passages:
     if not jumping:
         return _none(system)
     before, after = (waveform.lines(phases + side) for side in (-EITHER_SIDE, EITHER_SIDE))
-    place, contact, lines = [], [], []
-    for k in np.flatnonzero((before != after).any(axis=1)):
+    nodes = np.flatnonzero((before != after).any(axis=1))
+    # a jump just beside a node of the mesh is seen at both, and counts once
+    next_one = np.append(phases[nodes[1:]], phases[nodes[:1]] + mesh[-1])
+    place: list[int] = []
+    contact: list[int] = []
+    lines: list[tuple[Array, Array]] = []
+    for k in nodes[next_one - phases[nodes] > 2 * EITHER_SIDE]:
         now = before[k].copy()
         for i in jumping:
             pair = slice(2 * i, 2 * i + 2)
             if (before[k, pair] != after[k, pair]).any():
                 then = now.copy()
                 then[pair] = after[k, pair]
-                place, contact, lines = [*place, int(k)], [*contact, i], [*lines, (now, then)]
+                place.append(int(k))
+                contact.append(i)
+                lines.append((now, then))
                 now = then
     if not place:
         return _none(system)
@@ -142,9 +149,9 @@ def _sticking(contacts: list[AttachedLaw], before: Array, after: Array) -> str:
         return ""
     k = stuck[0]
     return (
-        f"the motion does not pass where element {contacts[k].name!r} jumps (the rate of its argument is {before[k]:.3g} "
-        f"before and {after[k]:.3g} after): it sticks, or slides along the surface, which is not followed; take a "
-        "regularised law, such as Friction"
+        f"the motion does not pass where element {contacts[k].name!r} jumps (the rate of its argument is "
+        f"{before[k]:.3g} before and {after[k]:.3g} after): it sticks, or slides along the surface, which is not "
+        "followed; take a regularised law, such as Friction"
     )
 
 

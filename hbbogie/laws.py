@@ -256,6 +256,7 @@ class CoulombFriction(PiecewiseLinear):
         """Return the two jumps, upwards for u > 0 and downwards for u < 0."""
         return Ramps(((1, 0.0, 0.0), (-1, 0.0, 0.0)), heights=(self.limit, self.limit))
 
+
 @dataclass(frozen=True, eq=False)
 class Backlash:
     """A spring that is driven through play and keeps its position inside it: a hysteresis.

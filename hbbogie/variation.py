@@ -68,14 +68,14 @@ def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, 
 
 
 def _model(system: System) -> _Model:
-    q, v, lines, p, _, rates, contacts = on_lines(system)
+    q, v, lines, p, velocity, rates, contacts = on_lines(system)
     x = state_of(system, q, v)
     A = ca.jacobian(rates, x)
     varying = sorted(set(ca.Function("A", [x, lines, p], [A]).jac_sparsity(0, 0).get_col()))
     u = ca.vertcat(*(e.argument(q, v, p) for e in contacts)) if contacts else ca.SX(0, 1)
     jumping = [i for i, e in enumerate(contacts) if e.heights is not None]
     for i in jumping:
-        if ca.depends_on(u[i], ca.vertcat(*(lines[2 * k + 1] for k in jumping))):
+        if ca.depends_on(contacts[i].argument(q, velocity, p), ca.vertcat(*(lines[2 * k + 1] for k in jumping))):
             raise ModelError(
                 f"element {contacts[i].name!r}: its argument contains a rate that itself jumps with an element; let it "
                 "depend on states (coordinates, and velocities of coordinates with an acceleration)."
@@ -166,7 +166,9 @@ class Waveform:
 def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
     """Return where each column of Fourier coefficients meets its level between low and high (safe Newton)."""
     H, rate = fourier.highest(c), fourier.derivative(c)
-    tau, falling = 0.5 * (low + high), np.einsum("ij,ji->i", fourier.synthesis(H, low), c) > level
+    # both ends: at one of them the level may be met to the last digit
+    fall = np.einsum("ij,ji->i", fourier.synthesis(H, low) - fourier.synthesis(H, high), c)
+    tau, falling = 0.5 * (low + high), fall > 0
     for _ in range(60):
         E = fourier.synthesis(H, tau)
         f, slope = np.einsum("ij,ji->i", E, c) - level, np.einsum("ij,ji->i", E, rate)

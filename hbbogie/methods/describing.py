@@ -278,8 +278,8 @@ def _by_quadrature(law: Any, Y: float, order: int, reference: Any) -> Any:
         return first
     if ramps is not None and ramps.heights:
         raise ModelError(
-            f"describing_function: quadrature at order 2 does not see how the jumps of a {type(law).__name__} move with "
-            "the amplitude; take the closed form, method 'auto'."
+            f"describing_function: quadrature at order 2 does not see how the jumps of a {type(law).__name__} move "
+            "with the amplitude; take the closed form, method 'auto'."
         )
     x, w = np.polynomial.legendre.leggauss(NODES)
     t = np.concatenate([(a + b) / 2 + (b - a) / 2 * x for a, b in pairwise(angles)])
