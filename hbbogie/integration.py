@@ -68,10 +68,11 @@ def simulate(
 
     Notes
     -----
-    A contact of a piecewise-linear element is not located. "rk4" runs over it and loses order there: the
+    A contact of a continuous element is not located. "rk4" runs over it and loses order there: the
     error of a step that contains a contact is proportional to the cube of the step. "cvodes" is kept from
     stepping over a short contact by a largest step of one sample distance, and its error control refines
-    the step at the kink.
+    the step at the kink. Where an element jumps, "rk4" divides the step and keeps its order; of two jumps within one
+    step the first is located. A motion that sticks where an element jumps trembles about it from step to step.
     """
     if method not in METHODS:
         raise ModelError(unknown_name("integration method", str(method), METHODS))

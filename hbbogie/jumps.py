@@ -1,4 +1,8 @@
-"""Passages through surfaces at which the vector field jumps: jump matrices, and motions that stick there."""
+"""Passages through surfaces at which the vector field jumps: jump matrices, and motions that stick there.
+
+The jump (saltation) matrix goes back to M. A. Aizerman and F. R. Gantmakher, On the stability of periodic
+motions, J. Appl. Math. Mech. 22 (1958) 1065-1078 (theory page, eq-jump).
+"""
 
 from __future__ import annotations
 

@@ -62,18 +62,18 @@ def floquet(
     The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series, one
     fourth-order Runge-Kutta step from the identity for each interval of a mesh; the product of the
     transition matrices is the monodromy matrix. The contact times of piecewise-linear elements are mesh
-    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink. Where
-    an element jumps, the jump matrix (eq-jump) is a further factor; a motion that does not pass there but
-    sticks is not followed, and the verdict is "unknown". A
-    kink written with ``fmax`` or ``fabs`` in the equations, not as an element, is not seen and costs
-    accuracy. With the default steps multipliers above 1e-4 are good to about 1e-6 of their size, for the
-    orbit as given; its own error comes on top.
+    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink.
+    Where an element jumps, the jump matrix (eq-jump) is a further factor; a motion that does not pass there
+    but sticks is not followed, and the verdict is "unknown". A kink or jump written in the equations, as
+    ``fmax`` or ``sign``, and not as an element is not seen and costs accuracy. With the default steps
+    multipliers above 1e-4 are good to about 1e-6 of their size, for the orbit as given; its own error comes
+    on top.
 
     One multiplier of a cycle is 1; the error of the nearest measures orbit and integration together. The
-    determinant measures the integration alone: the sum of log abs det over the intervals must be the
-    integral of the trace of A (Liouville), plus the logarithms of the jumps' determinants. When either fails, or a multiplier lies closer to the unit circle
-    than five times the trivial error, the verdict is "unknown". Of multipliers below about 1e-12 only the
-    smallness is meant: they are round-off.
+    determinant measures the integration alone: the sum of log abs det over the intervals and the jumps must be
+    the integral of the trace of A (Liouville) plus the logarithms of the jumps' known determinants. When either
+    fails, or a multiplier lies closer to the unit circle than five times the trivial error, the verdict is
+    "unknown". Of multipliers below about 1e-12 only the smallness is meant: they are round-off.
 
     When system and orbit are odd, q(t + T/2) = -q(t), half the period is enough (eq-half-period): the
     multipliers are the squares of those of G = -Phi(T/2), which are kept too. They tell more: next to the

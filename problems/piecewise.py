@@ -9,10 +9,10 @@ On the left motions tend to the circle r = 1, on the right to r = beta, and a cy
 to the other in turn is the compromise. The field jumps at x = 0, so that a small disturbance does as well:
 the multipliers of the cycle contain the jump (saltation) matrices of both crossings.
 
-Source: H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM (2013), example 9.2 (section 10.2.2 for
-the multipliers), and the demonstrations of the continuation package COCO, where gamma + beta is written for
-what is gamma here. The period and the multiplier of the table are those of its segmented collocation.
-Assumptions: dimensionless, time in seconds.
+Source: H. Dankowicz, F. Schilder, Recipes for Continuation, SIAM (2013), examples 9.2 and 10.3, and the
+demonstrations of the continuation package COCO, where gamma + beta is written for what is gamma here. The
+period and the multiplier of the table are results of COCO's collocation; an integration that stops at x = 0
+gives the same digits. Assumptions: dimensionless, time in seconds.
 
 Symbols: x, y [1] coordinates, x = r cos(theta), y = r sin(theta); r [1] radius; alpha [1/s] rate of
 attraction on the right; beta [1] radius that attracts there; gamma [rad/s] speed of rotation there at r = 0.

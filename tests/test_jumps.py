@@ -329,5 +329,5 @@ class TestBelt:
         found = hb.floquet(belt(0.8), orbit)
         assert found.verdict == "unknown"
         assert "does not pass where element 'dry' jumps" in found.reason
-        with pytest.raises(ConvergenceError, match="does not pass where element 'dry' jumps.*it sticks"):
+        with pytest.raises(ConvergenceError, match=r"does not pass where element 'dry' jumps.*it sticks"):
             hb.verify(belt(0.8), orbit)
