@@ -4,6 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 import hbbogie as hb
 from hbbogie import fourier
@@ -226,6 +228,65 @@ class TestRelay:
         system = relay(0.1, 1.0)
         with pytest.raises(ModelError, match="does not see jumps of the vector field \\(kick\\)"):
             hill(system, wave(system, 6.0))
+
+
+class TestRelayFeedback:
+    """Three lags of one second in a loop with a relay, all of first order.
+
+    Half a period h later the state is its mirror image, x(h) = -x(0), and just before the relay switches the rate is w.
+    The multipliers over half a period are the eigenvalues of -(I - w C/(C w)) exp(A h), and 1 (K. J. Astrom,
+    Oscillations in systems with relay feedback, in Adaptive Control, Filtering, and Signal Processing, Springer 1995).
+    """
+
+    def closed_form(self):
+        A, B, C = np.array([[-1.0, 1, 0], [0, -1, 1], [0, 0, -1]]), np.array([0.0, 0, 1]), np.array([1.0, 0, 0])
+
+        def start(h):
+            flow = expm(A * h)
+            return np.linalg.solve(flow + np.eye(3), np.linalg.solve(A, (flow - np.eye(3)) @ B))
+
+        h = brentq(lambda h: C @ start(h), 1.0, 3.0, xtol=1e-15)
+        w = -A @ start(h) - B
+        others = np.linalg.eigvals(-(np.eye(3) - np.outer(w, C) / (C @ w)) @ expm(A * h))
+        return h, sorted(others[np.abs(others) > 1e-12].real)
+
+    def system(self):
+        x, k = [hb.Coordinate(f"x{i}") for i in (1, 2, 3)], hb.Parameter("k", 1.0)
+        relay = hb.Element("relay", hb.CoulombFriction(k), x[0])
+        lags = [x[0].dot + x[0] - x[1], x[1].dot + x[1] - x[2], x[2].dot + x[2] + relay]
+        return hb.System("relay feedback", x, [k], lags, [relay])
+
+    def test_found_without_a_guess(self):
+        """SOLVER: found by simulation, closed by shooting; ORDER: multipliers along the series converge."""
+        system, (h, halves) = self.system(), self.closed_form()
+        (cycle,) = hb.find_cycles(system, harmonics=31)
+        checked = hb.verify(system, cycle)
+        assert checked.orbit.period == pytest.approx(2 * h, rel=1e-11)
+        assert checked.multipliers == pytest.approx([1.0, halves[1] ** 2, halves[0] ** 2], rel=1e-8)
+        assert cycle.stability.verdict == "stable"
+        assert cycle.stability.half_multipliers[1:] == pytest.approx(halves[::-1], rel=1e-3)
+
+    def test_settles(self):
+        """SOLVER: on a period to which the samples, 1 ms apart, do not limit it."""
+        settled = hb.settle(self.system(), {"x1": 1.0})
+        assert np.pi / settled.omega == pytest.approx(self.closed_form()[0], rel=1e-8)
+        assert np.pi / hb.last_orbit(self.system(), settled.trajectory, 9).omega == pytest.approx(
+            self.closed_form()[0], rel=1e-3
+        )
+
+
+def test_jumps_and_contacts_together():
+    """SOLVER: friction on a belt and stops behind a gap: shooting and motion in time agree."""
+    x, f = hb.Coordinate("x"), hb.Parameter("F", 0.2)
+    dry, stops = hb.Element("dry", hb.CoulombFriction(f), x.dot - 0.5), hb.Element("stops", hb.DeadBand(5.0, 1.5), x)
+    equations = [x.ddot - (1 - x**2) * x.dot + x + dry + stops]
+    system = hb.System("belt with stops", [x], [f], equations, [dry, stops])
+    orbit = hb.solve(hb.HarmonicBalance(31).equations(system), wave(system, 1.8, 1.2))
+    checked, settled = hb.verify(system, orbit), hb.settle(system, {"x": 1.0})
+    assert "with 6 contact(s) located" in checked.status
+    assert checked.orbit.omega == pytest.approx(settled.omega, rel=1e-5)
+    assert checked.amplitudes["x"] == pytest.approx(settled.amplitudes["x"], rel=1e-5)
+    assert np.abs(hb.floquet(system, orbit).multipliers - checked.multipliers).max() < 1e-2
 
 
 class TestJumpMatrix:
