@@ -19,7 +19,9 @@ from hbbogie.variation import Waveform, contacts_of
 
 Array = NDArray[np.float64]
 
-EITHER_SIDE = 1e-9  # rad; the lines of the contacts are compared so far before and after a phase
+# rad; the lines of the contacts are compared so far before and after a phase; also a share of the cycle within which
+# two jumps are at the same time
+EITHER_SIDE = 1e-9
 MARGIN = 1e-6  # smallest normal speed, relative to that on the other side, with which a motion passes
 PARALLEL = 1e-9  # two normals are one when the sine of their angle is smaller
 
@@ -85,7 +87,7 @@ def passages_along(waveform: Waveform, mesh: Array) -> Passages:
     place: list[int] = []
     contact: list[int] = []
     lines: list[tuple[Array, Array]] = []
-    for k in nodes[next_one - phases[nodes] > 2 * EITHER_SIDE]:
+    for k in nodes[next_one - phases[nodes] > EITHER_SIDE]:
         now = before[k].copy()
         for i in jumping:
             pair = slice(2 * i, 2 * i + 2)
@@ -100,8 +102,8 @@ def passages_along(waveform: Waveform, mesh: Array) -> Passages:
         return _none(system)
     x = fourier.synthesis(waveform.H, phases[place]) @ waveform.all_states
     sides = np.array(lines)
-    times = phases[place] / waveform.omega
-    return _passages(system, waveform.p, np.array(place), times, np.array(contact), x, sides[:, 0], sides[:, 1])
+    when = phases[place] / mesh[-1]
+    return _passages(system, waveform.p, np.array(place), when, np.array(contact), x, sides[:, 0], sides[:, 1])
 
 
 def passages_of(shooting: Shooting, path: Path) -> Passages:
@@ -111,9 +113,10 @@ def passages_of(shooting: Shooting, path: Path) -> Passages:
     k = np.array([s for s, i in enumerate(pattern.contact) if contacts[i].heights is not None], dtype=int)
     if not len(k):
         return _none(system)
-    place, times = np.searchsorted(path.segment, k), (np.cumsum(path.durations) - path.durations)[k]
+    ends = np.cumsum(path.durations)
+    place, when = np.searchsorted(path.segment, k), (ends - path.durations)[k] / ends[-1]
     x, lines = path.x[place] * shooting.scale, pattern.lines
-    return _passages(system, shooting.p, place, times, pattern.contact[k], x, lines[k - 1], lines[k], shooting.scale)
+    return _passages(system, shooting.p, place, when, pattern.contact[k], x, lines[k - 1], lines[k], shooting.scale)
 
 
 def _none(system: System) -> Passages:
@@ -125,14 +128,17 @@ def _passages(
     system: System,
     p: Array,
     place: NDArray[np.int_],
-    times: Array,
+    when: Array,
     contact: NDArray[np.int_],
     x: Array,
     lines_before: Array,
     lines_after: Array,
     scale: Array | float = 1.0,
 ) -> Passages:
-    """Return the passages at states x, shape (K, n_states), with the lines of all contacts on either side."""
+    """Return the passages at states x, shape (K, n_states), with the lines of all contacts on either side.
+
+    ``when``, shape (K,), are their times as shares of what is passed through.
+    """
     field, arguments = field_of(system)
     K = len(place)
     f, g = (field(x.T, lines.T, p)[0].full().T / scale for lines in (lines_before, lines_after))
@@ -141,7 +147,7 @@ def _passages(
     passing = np.where(before != 0, before, np.nan)
     matrices = np.eye(x.shape[1]) + (g - f)[:, :, None] * (normal / passing[:, None])[:, None, :]
     elements = [contacts_of(system)[i] for i in contact]
-    sticking, corner = _sticking(elements, before, after), _corner(elements, times, normal)
+    sticking, corner = _sticking(elements, before, after), _corner(elements, when, normal)
     return Passages(place, matrices, before, after, sticking, corner)
 
 
@@ -159,15 +165,15 @@ def _sticking(contacts: list[AttachedLaw], before: Array, after: Array) -> str:
     )
 
 
-def _corner(contacts: list[AttachedLaw], times: Array, normal: Array) -> str:
+def _corner(contacts: list[AttachedLaw], when: Array, normal: Array) -> str:
     """Return where two elements with different arguments jump at the same time, a clause, or nothing."""
-    span = 2 * EITHER_SIDE * max(float(np.ptp(times)), np.finfo(float).tiny)
     unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    for k in np.flatnonzero(np.diff(times) <= span):
-        a, b = unit[k], unit[k + 1]
+    for k in np.flatnonzero(np.append(when[1:], when[0] + 1) - when <= EITHER_SIDE):
+        after = (k + 1) % len(when)
+        a, b = unit[k], unit[after]
         if np.linalg.norm(b - (a @ b) * a) > PARALLEL:
             return (
-                f"elements {contacts[k].name!r} and {contacts[k + 1].name!r} jump at the same time, and small "
+                f"elements {contacts[k].name!r} and {contacts[after].name!r} jump at the same time, and small "
                 "disturbances that let either come first have different consequences"
             )
     return ""
