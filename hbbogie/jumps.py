@@ -174,6 +174,6 @@ def _corner(contacts: list[AttachedLaw], when: Array, normal: Array) -> str:
         if np.linalg.norm(b - (a @ b) * a) > PARALLEL:
             return (
                 f"elements {contacts[k].name!r} and {contacts[after].name!r} jump at the same time, and small "
-                "disturbances that let either come first have different consequences"
+                "disturbances that let either come first can have different consequences"
             )
     return ""
