@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.arclength import Curve, Point
 from hbbogie.errors import ModelError
 from hbbogie.guesses import Linearisation
 from hbbogie.normal_form import first_lyapunov
 from hbbogie.results import Orbit, SpecialPoint
+from hbbogie.solution_curve import Curve, Point
 from hbbogie.stability import floquet
 from hbbogie.switching import asymmetric, crossing, doubled
 from hbbogie.system import System

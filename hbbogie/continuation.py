@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.arclength import Curve, Point
 from hbbogie.bifurcations import VERTICAL, onset, special_points
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import check_interval, first_cycle
 from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.solution_curve import Curve, Point
 from hbbogie.solvers import solve
 from hbbogie.switching import first_beyond
 

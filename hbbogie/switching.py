@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.arclength import Curve, Point
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.hill import null_mode
 from hbbogie.results import Orbit, SpecialPoint
+from hbbogie.solution_curve import Curve, Point
 from hbbogie.system import System
 
 Array = NDArray[np.float64]

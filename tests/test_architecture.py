@@ -17,7 +17,7 @@ FLOORS = {
     "jumps": 3,
     "methods": 4, "solvers": 4,
     "guesses": 5, "verification": 5,
-    "normal_form": 5, "arclength": 5, "switching": 5, "bifurcations": 6, "continuation": 6, "cycles": 6,
+    "normal_form": 5, "solution_curve": 5, "switching": 5, "bifurcations": 6, "continuation": 6, "cycles": 6,
     "critical": 7, "critical_report": 7, "identification": 6, "misfit": 6,
     "plot": 7, "curves": 7, "tables": 7, "figures": 7, "motion": 7, "report": 7, "problem": 7,
     "comparison": 7, "comparison_report": 7,

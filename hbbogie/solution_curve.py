@@ -14,6 +14,7 @@ from hbbogie.results import Orbit
 from hbbogie.solvers import Conditions, Problem
 
 Array = NDArray[np.float64]
+ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another branch
 FARTHEST = 2.0  # largest correction of an unknown, scaled: beyond lies another branch or nonsense
 
 
@@ -100,7 +101,10 @@ class Curve:
 
     def step(self, point: Point, length: float) -> tuple[Point | None, int]:
         """Return the point a length of arc further on, or None, and the iterations."""
-        return self.correct(point.y + length * self.scale * point.tangent, point.tangent)
+        there, iterations = self.correct(point.y + length * self.scale * point.tangent, point.tangent)
+        if there is not None and np.linalg.norm((there.y - point.y) / self.scale) > ASIDE * abs(length):
+            return None, iterations
+        return there, iterations
 
     def orbit(self, point: Point, status: str = "converged by pseudo-arclength continuation") -> Orbit:
         """Return the cycle of a point."""
