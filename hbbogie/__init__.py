@@ -4,6 +4,7 @@ System -> Equations -> Orbit -> Branch: each a value; verbs are functions. See t
 tutorial; `hbbogie.plot` draws results and is imported only when asked for.
 """
 
+from hbbogie.charts import chart
 from hbbogie.comparison import compare
 from hbbogie.continuation import trace
 from hbbogie.critical import critical_speeds, fold
@@ -28,7 +29,7 @@ from hbbogie.methods.describing import describing_function
 from hbbogie.methods.describing_equations import DescribingFunction
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.problem import load_problem
-from hbbogie.results import Branch, Orbit, SpecialPoint, Stability, Trajectory
+from hbbogie.results import Branch, Chart, Orbit, SpecialPoint, Stability, Trajectory
 from hbbogie.settling import last_orbit, settle
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet
@@ -40,6 +41,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Backlash",
     "Branch",
+    "Chart",
     "ConvergenceError",
     "Coordinate",
     "CoulombFriction",
@@ -61,6 +63,7 @@ __all__ = [
     "System",
     "Tabulated",
     "Trajectory",
+    "chart",
     "compare",
     "critical_speeds",
     "describing_function",

@@ -5,10 +5,14 @@ The only module that imports matplotlib. The style is set for the figures made h
 
 from hbbogie.plot.appearance import figure_of, one_legend, panels, save, style
 from hbbogie.plot.branches import branch, frequency, multipliers, multipliers_along
+from hbbogie.plot.charts import chart, coexistence, coexistence_width
 from hbbogie.plot.orbits import orbit, spectrum, time_history, waveform
 
 __all__ = [
     "branch",
+    "chart",
+    "coexistence",
+    "coexistence_width",
     "figure_of",
     "frequency",
     "multipliers",
