@@ -74,6 +74,24 @@ def bogie_basin() -> Figure:
     return figure
 
 
+def bogie_chart() -> Figure:
+    """Draw the critical speeds of the bogie over the conicity, and the width of the region of coexistence."""
+    bogie = hb.load_problem("yang1995").bogie()
+    found = hb.chart(bogie, "V", "lam", (0.02, 0.3))
+    figure, ((top,), (bottom,)) = plot.panels(2, 1, (6.6, 6.4))
+    plot.chart(found, top).set_xlabel("")
+    plot.coexistence_width(found, bottom)
+    return figure
+
+
+def bogie_cusps() -> Figure:
+    """Draw the folds of the bogie over the distance of the contact points, which meet in two cusps."""
+    bogie = hb.load_problem("yang1995").bogie()
+    ax = plot.chart(hb.chart(bogie, "V", "a", (0.385, 0.425), span=(80.0, 140.0), longest=0.05))
+    ax.set_ylim(100.6, 103.6)
+    return plot.figure_of(ax)
+
+
 def save(figure: Figure, name: str) -> None:
     """Write a figure as a PNG with a palette."""
     path = plot.save(figure, IMAGES / f"{name}.png")
@@ -86,7 +104,7 @@ def save(figure: Figure, name: str) -> None:
 def main(wanted: list[str]) -> None:
     """Draw the figures whose names are given, or all."""
     IMAGES.mkdir(exist_ok=True)
-    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin]
+    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin, bogie_chart, bogie_cusps]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 ITERATIONS = 8
 FEW, MANY = 3, 6  # Newton iterations that lengthen and shorten the step
 WIDEST_TURN = 0.95  # cosine of the largest angle between successive tangents
-SHORTEST = 1e-3  # step at which the walk gives up
+SHORTEST = 1e-4  # step at which the walk gives up
 RADIUS = 1.0  # farthest that Newton's method may go in one step
 
 

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 SMALLEST = 1e-3  # first-harmonic amplitude, in units of its scale, at which a curve ends
 LINEAR = 1e-12  # bend, in units of the largest second derivative, at which the cycles are those of a linear system
 LEAPS = (1e-3, 1e-2)  # distances beyond a grazing contact at which the curve is taken up again, of the chart's width
+ASTRAY = 0.2  # distance from the expected value, in units of the leap, up to which a fold is one of the same curve
 VICINITY = 0.1  # of the chart's height: where the fold is looked for there
 
 
@@ -148,10 +149,13 @@ class FoldCurve:
         parameter, and its fold taken. None where no fold is found.
         """
         direction = np.sign(point.tangent[self.m + 1])
-        low, high = self.window[self.m + 1]
+        (low, high), height = self.window[self.m + 1], float(np.ptp(self.window[self.m]))
         for leap in LEAPS:
             value = float(point.u[self.m + 1]) + direction * leap * (high - low)
-            if low <= value <= high and (found := self._fold_at(point, value)) is not None:
+            expected = float(point.u[self.m]) + self.state(point).slope * direction * leap * (high - low)
+            if not low <= value <= high or (found := self._fold_at(point, value)) is None:
+                continue
+            if abs(found.u[self.m] - expected) <= ASTRAY * leap * height:  # farther away there is another curve
                 along = np.sign(found.tangent[self.m + 1]) * direction or 1.0
                 return Point(found.u, along * found.tangent, found.error)
         return None

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from hbbogie.plot.appearance import COLOURS, INK, axes, legend, styled
-from hbbogie.results import Chart, CriticalCurve
+from hbbogie.results import Chart, ChartPoint, CriticalCurve
 
 Array = NDArray[np.float64]
 FOLD, HOPF, OTHER = COLOURS[1], COLOURS[0], "#9aa5ad"
@@ -55,15 +55,7 @@ def chart(found: Chart, ax: Axes | None = None) -> Axes:
             ax.plot(*part, zorder=3 if key == "unstable" else 4, **(dress | {"label": "_"} if i else dress))
     for i, c in enumerate(found.folds):
         ax.plot(c.over_values, c.values, color=FOLD, lw=2.0, zorder=5, label="_" if i else "fold of cycles")
-    for kind, (marker, text) in MARKERS.items():
-        some = [(s.over_value, s.value) for s in found.special if s.kind == kind and height[0] <= s.value <= height[1]]
-        if some:
-            ax.plot(
-                *zip(*some, strict=True), marker, label=text, zorder=6, ms=7, color=INK, mec="white", mew=1, ls="none"
-            )
-        for place in some:
-            text = f"{place[0]:.4g}, {place[1]:.4g}"
-            ax.annotate(text, place, (7, 7), textcoords="offset points", fontsize=8.5, color=INK, zorder=7)
+    _mark(ax, found, height)
     _empty_ranges(ax, found)
     ax.set_xlim(*found.interval)
     ax.set_ylim(*height)
@@ -141,6 +133,30 @@ def _pieces(c: CriticalCurve) -> Iterator[tuple[str, tuple[Array, Array]]]:
     for start, stop in pairwise(cuts):
         if stop > start:
             yield keys[start], (c.over_values[start : stop + 1], c.values[start : stop + 1])
+
+
+def _mark(ax: Axes, found: Chart, height: tuple[float, float]) -> None:
+    """Mark special points of the folds and of the limit of stability, with their coordinates beside the curve."""
+    for kind, (marker, text) in MARKERS.items():
+        for s in (s for s in found.special if s.kind == kind and height[0] <= s.value <= height[1]):
+            c, i = _nearest(found, s)
+            if c.kind == "hopf" and c.side[i] == 0:
+                continue
+            ax.plot(s.over_value, s.value, marker, label=text, zorder=6, ms=7, color=INK, mec="white", mew=1, ls="none")
+            place = (8, -14) if c.slope[i] > 0 else (8, 7)
+            words = f"{s.over_value:.4g}, {s.value:.4g}"
+            dress: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8.5, "color": INK, "zorder": 7}
+            ax.annotate(words, (s.over_value, s.value), place, **dress)
+            text = "_"
+
+
+def _nearest(found: Chart, s: ChartPoint) -> tuple[CriticalCurve, int]:
+    """Return the point of the curves of its kind that is nearest to a special point."""
+    size = np.ptp(found.interval), np.ptp(found.span)
+    curves = found.folds if s.curve == "fold" else found.hopf
+    away = [np.hypot((c.over_values - s.over_value) / size[0], (c.values - s.value) / size[1]) for c in curves]
+    best = int(np.argmin([a.min() for a in away]))
+    return curves[best], int(np.argmin(away[best]))
 
 
 def _height(found: Chart) -> tuple[float, float]:
