@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -11,10 +12,10 @@ from numpy.typing import NDArray
 
 from hbbogie.arclength import CLOSED, STUCK, Point
 from hbbogie.continuation import trace
-from hbbogie.curves import Progress, silent
+from hbbogie.curves import FAILURES, Progress, silent
 from hbbogie.cycles import default_reach
 from hbbogie.equations import Equations
-from hbbogie.errors import ConvergenceError, ModelError
+from hbbogie.errors import ModelError
 from hbbogie.fold_curve import FoldCurve
 from hbbogie.following import Followed, Test, both_ways, follow, passes, plane
 from hbbogie.guesses import check_interval, hopf_points
@@ -89,6 +90,8 @@ def chart(
     system = system.with_parameters(**values)
     if parameter == over:
         raise ModelError(f"chart: both parameters are {parameter!r}; give two different ones.")
+    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
+        raise ModelError(f"chart: harmonics={harmonics!r}; cycles need at least one, give a whole number from 1.")
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")
     window = (
@@ -132,52 +135,44 @@ class _Search:
     def _system_at(self, value: float) -> System:
         return self.equations.system.with_parameters(**{self.names[1]: value})
 
+    @contextmanager
+    def _noted(self, what: str) -> Iterator[None]:
+        """Make a failure a note."""
+        try:
+            yield
+        except FAILURES as error:
+            self.notes.append(f"{what}: {error}")
+
     def hopf_at(self, value: float) -> None:
         """Find the Hopf points at a value of the second parameter, and follow those on no curve found before."""
         system, (name, over) = self._system_at(value), self.names
         self.starts[value] = []
-        try:
+        points: list[SpecialPoint] = []
+        with self._noted(f"Hopf points at {over} = {value:g}"):
             points = hopf_points(system, name, self.span, points=SAMPLES)
-        except ConvergenceError as error:
-            self.notes.append(f"Hopf points at {over} = {value:g}: {error}")
-            return
         for hopf in points:
-            curve = HopfCurve(system, self.names, self.span, self.interval, hopf)
-            first = curve.first()
-            if first is None:
-                self.notes.append(
-                    f"No curve was followed from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}."
-                )
-                continue
-            self.starts[value].append((hopf, curve.state(first).side != 0))
-            if not any(passes(other, hopf, value) for other in self.hopf):
-                self.hopf.append(both_ways(first, partial(self._hopf_pieces, curve)))
+            with self._noted(f"The curve through the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
+                curve = HopfCurve(system, self.names, self.span, self.interval, hopf)
+                first = curve.first()
+                self.starts[value].append((hopf, curve.state(first).side != 0))
+                if not any(passes(other, hopf, value) for other in self.hopf):
+                    self.hopf.append(both_ways(first, partial(self._hopf_pieces, curve)))
 
     def folds_at(self, value: float, secondary: bool) -> None:
         """Find the folds on branches from the Hopf points at a value, and follow those on no curve found before."""
         name, over = self.names
         equations = replace(self.equations, system=self._system_at(value))
-        for hopf, limit in self.starts[value]:
-            if not (limit or secondary):
-                continue
-            where = f"{name} = {hopf.value:g}, {over} = {value:g}"
-            try:
-                branch = trace(equations, hopf, name, self.span, families=False, max_points=POINTS)
-            except (ConvergenceError, ModelError) as error:
-                self.notes.append(f"No branch was traced from the Hopf point at {where}: {error}")
-                continue
-            for fold in branch.folds():
-                if any(passes(other, fold, value) for other in self.folds):
-                    continue
-                p = equations.system.vector(**{name: fold.value})
-                curve = FoldCurve(equations, self.names, self.span, self.interval, p)
-                first = curve.first(fold.orbit)
-                if first is None:
-                    self.notes.append(
-                        f"No curve was followed from the fold at {name} = {fold.value:g}, {over} = {value:g}."
-                    )
-                else:
-                    self.folds.append(both_ways(first, partial(self._fold_pieces, curve)))
+        for hopf in (point for point, limit in self.starts[value] if limit or secondary):
+            folds: tuple[SpecialPoint, ...] = ()
+            with self._noted(f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
+                folds = trace(equations, hopf, name, self.span, families=False, max_points=POINTS).folds()
+            for fold in folds:
+                with self._noted(f"The curve through the fold at {name} = {fold.value:g}, {over} = {value:g}"):
+                    if any(passes(other, fold, value) for other in self.folds):
+                        continue
+                    p = equations.system.vector(**{name: fold.value})
+                    curve = FoldCurve(equations, self.names, self.span, self.interval, p)
+                    self.folds.append(both_ways(curve.first(fold.orbit), partial(self._fold_pieces, curve)))
 
     def _hopf_pieces(self, curve: HopfCurve, start: Point) -> list[Followed]:
         # where another contact is met first, the onset jumps

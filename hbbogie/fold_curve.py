@@ -116,15 +116,26 @@ class FoldCurve:
         """Return the sentence for an end at a limit of a parameter."""
         return f"the end of the chart was reached, {self.names[index - self.m]} = {value:g}"
 
-    def first(self, orbit: Orbit) -> Point | None:
-        """Return the fold at an orbit's second parameter, near the orbit, its tangent towards growing values."""
+    def first(self, orbit: Orbit) -> Point:
+        """Return the fold at an orbit's second parameter, near the orbit, its tangent towards growing values.
+
+        Raises
+        ------
+        ConvergenceError
+            When it is not found.
+        """
         y = np.concatenate([self.equations.encode(orbit), [orbit.parameters[n] for n in self.names]])
         J = self.problem.evaluate(y)[1] / self.rows[:, None] * self.size
         u = np.concatenate([y, np.linalg.svd(J[:, : self.m])[0][:, -1]])
         self.settle(u)
         across = np.zeros(len(u))
         across[self.m + 1] = 1.0
-        return correct(self, u, across)[0]
+        found, iterations = correct(self, u, across)
+        if found is None:
+            raise ConvergenceError(
+                f"no fold was found from this cycle in {iterations} iterations; locate it with fold."
+            )
+        return found
 
     def orbit(self, point: Point) -> Orbit:
         """Return the cycle at a point."""
@@ -177,7 +188,11 @@ class FoldCurve:
         for special in sorted(
             branch.folds(), key=lambda s: abs(s.value - here) / reach + abs(s.omega / orbit.omega - 1)
         ):
-            if (found := self.first(special.orbit)) is not None and not self.leaves(found.u):
+            try:
+                found = self.first(special.orbit)
+            except ConvergenceError:
+                continue
+            if not self.leaves(found.u):
                 return found
         return None
 

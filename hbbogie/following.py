@@ -117,6 +117,9 @@ def passes(found: Followed, special: SpecialPoint, value: float) -> bool:
     first = next(iter(curve.window))
     last, size = first + 1, np.array([special.omega, np.ptp(curve.window[first])])
     planes = found.planes()
+    here = np.append(goal, value)
+    if (np.abs(planes - here) <= SAME * np.append(size, np.ptp(curve.window[last]))).all(axis=1).any():
+        return True
     for i, (a, b) in enumerate(pairwise(found.points)):
         if (planes[i, 2] - value) * (planes[i + 1, 2] - value) > 0 or planes[i, 2] == planes[i + 1, 2]:
             continue

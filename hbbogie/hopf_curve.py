@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.arclength import Point, correct
+from hbbogie.errors import ConvergenceError
 from hbbogie.normal_form import lyapunov_at
 from hbbogie.results import SpecialPoint
 from hbbogie.system import System
@@ -79,14 +80,14 @@ class HopfCurve:
         G, J = (m.full() for m in self._functions[0](u, self.p, self.normal))
         return G.ravel() / self.rows, J / self.rows[:, None] * self.scale
 
-    def first(self) -> Point | None:
-        """Return the Hopf point where the curve begins, with its tangent; None where it is not found."""
+    def first(self) -> Point:
+        """Return the Hopf point where the curve begins, with its tangent; raise `ConvergenceError` where lost."""
         for index in (-1, -2):  # at the given second parameter; where the curve turns back in it, at the first
             across = np.zeros(len(self.start))
             across[index] = 1.0
             if (found := correct(self, self.start, across)[0]) is not None:
                 return found
-        return None
+        raise ConvergenceError("no Hopf point was found from this start; two modes may be critical at once.")
 
     def leaves(self, u: Array) -> str:
         """Return why the curve ends before these unknowns: the frequency goes to zero."""
@@ -174,11 +175,16 @@ def _state(curve: HopfCurve, point: Point, function: ca.Function) -> HopfState:
     J = curve.evaluate(u)[1]
     slopes = slopes / curve.rows[:, None]
     bordered = np.column_stack([J[:, : 3 * n + 1], slopes[:, 0]])
-    growth = np.linalg.solve(bordered, -np.column_stack([J[:, 3 * n + 1], slopes[:, 1:]]))[-1]
+    try:
+        growth = np.linalg.solve(bordered, -np.column_stack([J[:, 3 * n + 1], slopes[:, 1:]]))[-1]
+    except np.linalg.LinAlgError:  # a double eigenvalue: it has no derivative
+        growth = np.full(slopes.shape[1], np.nan)
     x = np.concatenate([u[:n], np.zeros(system.n_states - n)])
     others = np.linalg.eigvals(system.ode_jacobian(x, p).full())
     others = np.delete(others, [int(np.argmin(np.abs(others - w))) for w in (1j * omega, -1j * omega)])
     side = 0 if others.real.max(initial=-np.inf) > NEUTRAL * omega else (-1 if growth[0] > 0 else 1)
+    if np.isnan(growth[0]):
+        side = 0
     along = (curve.scale * point.tangent)[-2:]
     with np.errstate(divide="ignore"):
         slope = float(along[0] / along[1])

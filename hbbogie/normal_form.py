@@ -12,7 +12,7 @@ from hbbogie.system import System
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-WORST = 1e14  # condition number of the state matrix that counts as a zero eigenvalue
+WORST = 1e14  # condition number that counts as singular
 STEPS = (1e-5, 1e-6)  # distances from the equilibrium at which one-sided derivatives are compared
 
 
@@ -33,8 +33,8 @@ def first_lyapunov(system: System, hopf: SpecialPoint) -> float:
     -------
     float, 1
         Zero where the equations are linear about the equilibrium, as below a gap: the onset is then decided where the
-        gap closes. NaN where there is no such coefficient: the equations have a kink at the equilibrium itself, or a
-        zero eigenvalue besides.
+        gap closes. NaN where there is no such coefficient: the equations have a kink at the equilibrium itself, or
+        an eigenvalue 0 or 2 i omega besides.
 
     Raises
     ------
@@ -77,13 +77,14 @@ def lyapunov_at(system: System, x: Array, p: Array, omega: float) -> float:
         )
         return np.asarray(rr - ii + 1j * (ri + ir))
 
-    if np.linalg.cond(A) > WORST:
+    resonance = 2j * omega * np.eye(len(A)) - A
+    if max(np.linalg.cond(A), np.linalg.cond(resonance)) > WORST:
         return float("nan")
     u, v, bar = q.real, q.imag, np.asarray(np.conj(q), dtype=complex)
     along = ((1, u, u), (1, u, v), (1j, v, u), (1j, v, v))  # q q bar(q) = (u u + v v) (u + i v)
     third = np.sum([factor * _pair(f(x, p, s, t, t))[1] for factor, s, t in along], axis=0)
     mean = np.asarray(np.linalg.solve(A, second(q, bar)))
-    double = np.asarray(np.linalg.solve(2j * omega * np.eye(len(A)) - A, second(q, q)))
+    double = np.asarray(np.linalg.solve(resonance, second(q, q)))
     total: Complex = np.asarray(third - 2 * second(q, mean) + second(bar, double))
     return float((np.conj(w) @ total).real / (2 * omega))
 

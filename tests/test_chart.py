@@ -186,6 +186,16 @@ class TestBogie:
         assert fold.extent == pytest.approx((0.02, change.over_value), rel=1e-9)
         assert bogie_chart.without_fold == (pytest.approx((change.over_value, 0.3)),)
 
+    def test_cusps_against_the_number_of_folds(self, bogie):
+        """Two folds more between the cusps: counted on traced branches."""
+        chart = hb.chart(bogie, "V", "a", (0.385, 0.425), span=(80.0, 140.0))
+        cusps = sorted(points_of(chart, "cusp"), key=lambda p: p.over_value)
+        (first, second), (fold,) = cusps, chart.folds
+        for a, count in ((first.over_value - 2e-3, 1), (second.over_value - 2e-3, 3)):
+            found = hb.critical_speeds(bogie.with_parameters(a=a), "V", (80.0, 140.0))
+            assert sum(c.kind == "fold" for c in found) == count
+            assert np.sum(np.diff(np.sign(fold.over_values - a)) != 0) == count
+
     def test_the_clearance_has_no_influence(self, bogie):
         """IDENTITY: the flange force is homogeneous in the displacement and the clearance."""
         chart = hb.chart(bogie, "V", "y0", (0.005, 0.015), span=(60.0, 190.0))
@@ -245,5 +255,7 @@ def test_wrong_input(bogie):
         hb.chart(bogie, "V", "lambda")
     with pytest.raises(hb.ModelError, match="low < high"):
         hb.chart(bogie, "V", "lam", (0.3, 0.02))
+    with pytest.raises(hb.ModelError, match="at least one"):
+        hb.chart(bogie, "V", "lam", harmonics=0)
     with pytest.raises(hb.ModelError, match="positive step"):
         hb.chart(bogie, "V", "lam", longest=0.0)
