@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 ITERATIONS = 8
 FEW, MANY = 3, 6  # Newton iterations that lengthen and shorten the step
 WIDEST_TURN = 0.95  # cosine of the largest angle between successive tangents
-SHORTEST = 1e-4  # step at which the walk gives up
+ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another curve
+SHORTEST = 1e-5  # step at which the walk gives up
 RADIUS = 1.0  # farthest that Newton's method may go in one step
 
 
@@ -106,7 +107,7 @@ def walk(
     while len(points) < most:
         here = points[-1]
         there, iterations = advance(curve, here, length)
-        if there is None or _turn(curve, here, there) < WIDEST_TURN:
+        if there is None or _turn(curve, here, there) < WIDEST_TURN or _distance(curve, here, there) > ASIDE * length:
             length /= 2
             if length < SHORTEST:
                 return points, STUCK
@@ -177,7 +178,11 @@ def _turn(curve: Curve, a: Point, b: Point) -> float:
     return float((a.tangent * curve.weights) @ b.tangent)
 
 
+def _distance(curve: Curve, a: Point, b: Point) -> float:
+    return float(np.linalg.norm((b.u - a.u) / curve.scale * curve.weights))
+
+
 def _closes(curve: Curve, points: list[Point], there: Point) -> bool:
     start, here = points[0], points[-1]
-    gap, stride = (float(np.linalg.norm((there.u - p.u) / curve.scale * curve.weights)) for p in (start, here))
-    return gap < stride and _turn(curve, start, there) > 0.9
+    nearer = _distance(curve, start, there) < _distance(curve, here, there)
+    return nearer and _turn(curve, start, there) > 0.9

@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 import hbbogie as hb
 from hbbogie import plot
 from hbbogie.cli import app
+from hbbogie.guesses import Linearisation
+from hbbogie.hopf_curve import HopfCurve
 
 SPAN = (1.0, 270.0)
 
@@ -144,7 +146,7 @@ class TestBogie:
     def test_folds_against_an_independent_computation(self, bogie, bogie_chart):
         """SOLVER: by tracing the branch at that conicity, on both sides of where the rear wheelset grazes."""
         (fold,) = bogie_chart.folds
-        for i in (0, len(fold) // 3, *np.flatnonzero(fold.over_values > 0.09)[:2]):
+        for i in (len(fold) // 3, np.flatnonzero(fold.over_values > 0.09)[0]):
             lam = float(fold.over_values[i])
             found = hb.critical_speeds(
                 bogie.with_parameters(lam=lam), "V", (0.8 * fold.values[i], 1.2 * fold.values[i])
@@ -180,6 +182,23 @@ class TestBogie:
             beyond = (limit.over_values - change.over_value) * (lam - change.over_value) > 1e-12
             assert {limit.character[i] for i in np.flatnonzero(beyond)} == {character}
 
+    def test_the_size_of_the_onset(self, bogie, balance):
+        """ORDER: eq-grazing-onset, with an error that falls like the root of the penetration."""
+        hopf = hb.hopf_points(bogie, "V", (60.0, 190.0))[0]
+        curve = HopfCurve(bogie, ("V", "lam"), SPAN, (0.02, 0.3), hopf)
+        line = Linearisation(bogie, "V")
+        growth = np.diff([line.pairs(hopf.value + d)[0][0] for d in (-1e-4, 1e-4)])[0] / 2e-4
+        start = hb.trace(balance, hopf, "V", (60.0, 190.0), max_points=2).orbits[0]
+        errors = []
+        for depth in (1e-4, 3e-4):
+            amplitude = {"q1": bogie.values["y0"] * (1 + depth)}
+            cycle = hb.solve(balance, start, amplitude=amplitude, free="V")
+            spring = 2 * 4 * np.sqrt(2) / (3 * np.pi) * depth**1.5  # of two ramps, in units of their stiffness
+            expected = -spring * curve.state(curve.first()).onset / growth
+            errors.append((cycle.parameters["V"] - hopf.value) / expected - 1)
+        assert errors[0] < 0.02
+        assert errors[1] / errors[0] == pytest.approx(np.sqrt(3), rel=0.05)
+
     def test_folds_end_where_the_onset_changes(self, bogie_chart):
         (change,) = [p for p in points_of(bogie_chart, "onset changes") if p.value < 100]
         (fold,) = bogie_chart.folds
@@ -188,17 +207,17 @@ class TestBogie:
 
     def test_cusps_against_the_number_of_folds(self, bogie):
         """Two folds more between the cusps: counted on traced branches."""
-        chart = hb.chart(bogie, "V", "a", (0.385, 0.425), span=(80.0, 140.0))
+        chart = hb.chart(bogie, "V", "a", (0.385, 0.425), span=(80.0, 140.0), harmonics=7, longest=0.3)
         cusps = sorted(points_of(chart, "cusp"), key=lambda p: p.over_value)
         (first, second), (fold,) = cusps, chart.folds
         for a, count in ((first.over_value - 2e-3, 1), (second.over_value - 2e-3, 3)):
-            found = hb.critical_speeds(bogie.with_parameters(a=a), "V", (80.0, 140.0))
+            found = hb.critical_speeds(bogie.with_parameters(a=a), "V", (80.0, 140.0), harmonics=7)
             assert sum(c.kind == "fold" for c in found) == count
             assert np.sum(np.diff(np.sign(fold.over_values - a)) != 0) == count
 
     def test_the_clearance_has_no_influence(self, bogie):
         """IDENTITY: the flange force is homogeneous in the displacement and the clearance."""
-        chart = hb.chart(bogie, "V", "y0", (0.005, 0.015), span=(60.0, 190.0))
+        chart = hb.chart(bogie, "V", "y0", (0.005, 0.015), span=(60.0, 190.0), harmonics=7)
         (fold,), (hopf,) = chart.folds, chart.hopf
         for curve in (fold, hopf):
             assert np.ptp(curve.values) < 1e-8 * curve.values[0]
