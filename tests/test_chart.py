@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -140,6 +141,31 @@ def test_hopf_points_of_an_equilibrium_that_moves():
     np.testing.assert_allclose(hopf.omega, hopf.over_values, rtol=1e-9)
     np.testing.assert_allclose(hopf.slope, 2 * hopf.over_values, rtol=1e-7)
     assert {*hopf.character} == {"supercritical"}
+
+
+def test_a_mass_on_a_belt():
+    """SOLVER: friction m (1 + exp(-v^2)) / 2 on a belt of speed V, damping ratio zeta.
+
+    Hopf points at zeta = m V exp(-V^2) / 2, which is largest at V^2 = 1 / 2; the onset has the sign of the third
+    derivative of the friction, which changes at V^2 = 3 / 2.
+    """
+    x, V = hb.Coordinate("x", "m"), hb.Parameter("V", 1.0, "m/s", bounds=(0.01, 5.0))
+    m, zeta = hb.Parameter("m", 0.3), hb.Parameter("zeta", 0.02, bounds=(0.0, 1.0))
+    friction = m * (1 + ca.exp(-((V - x.dot) ** 2))) / 2
+    system = hb.System("belt", [x], [V, m, zeta], [x.ddot + 2 * zeta * x.dot + x - friction])
+    chart = hb.chart(system, "V", "zeta", (0.005, 0.3), span=(0.01, 3.0), harmonics=5)
+    (hopf,) = chart.hopf
+    expected = 0.3 * hopf.values * np.exp(-(hopf.values**2)) / 2
+    np.testing.assert_allclose(hopf.over_values, expected, rtol=1e-8)
+    (turn,), (bautin,) = (
+        [p for p in points_of(chart, kind) if p.curve == "hopf"] for kind in ("turning point", "Bautin point")
+    )
+    assert turn.value == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    assert turn.over_value == pytest.approx(0.15 * np.sqrt(0.5) * np.exp(-0.5), rel=1e-9)
+    assert bautin.value == pytest.approx(np.sqrt(1.5), rel=1e-8)
+    assert chart.without_hopf == (pytest.approx((turn.over_value, 0.3)),)
+    fold = chart.folds[0]
+    assert max(fold.extent) == pytest.approx(bautin.over_value, rel=1e-6)
 
 
 class TestBogie:
