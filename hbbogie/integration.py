@@ -79,7 +79,7 @@ def simulate(
     duration, step = positive("duration", duration, "s"), positive("step", step, "s")
     positive("tolerance", tolerance, "1")
     p = system.vector(**parameters)
-    start, x = _initial_state(system, initial)
+    start, x = initial_state(system, initial)
     count = max(1, int(np.ceil(duration / step * (1 - 1e-12))))
     if count > MOST_STEPS:
         raise ModelError(
@@ -104,7 +104,7 @@ def simulate(
         tuple(c.unit for c in system.coordinates),
         np.asarray(start + h * np.arange(count + 1), dtype=float),
         states[:, : system.n].copy(),
-        _velocities(system, states, p),
+        velocities(system, states, p),
         dict(merged.values),
         f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
     )
@@ -121,7 +121,7 @@ def positive(name: str, value: float, unit: str) -> float:
     return number
 
 
-def _initial_state(system: System, initial: Initial) -> tuple[float, Array]:
+def initial_state(system: System, initial: Initial) -> tuple[float, Array]:
     """Return the time and the state, shape (n_states,), a motion starts from."""
     n, second = system.n, [i for i, s in enumerate(system.second_order) if s]
     if isinstance(initial, Orbit | Trajectory):
@@ -283,7 +283,7 @@ def _check_finite(system: System, states: Array, method: str, h: float, t: float
     )
 
 
-def _velocities(system: System, states: Array, p: Array) -> Array:
+def velocities(system: System, states: Array, p: Array) -> Array:
     """Return the velocities at the states, shape (N, n); of first-order coordinates by their equations."""
     second = np.array(system.second_order)
     v = np.empty((len(states), system.n))

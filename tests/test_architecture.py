@@ -18,10 +18,12 @@ FLOORS = {
     "methods": 4, "solvers": 4,
     "guesses": 5, "verification": 5, "normal_form": 5, "solution_curve": 5, "switching": 5, "arclength": 5,
     "bifurcations": 6, "continuation": 6, "cycles": 6, "hopf_curve": 6, "following": 6, "identification": 6,
-    "misfit": 6,
+    "misfit": 6, "attraction": 6, "outcomes": 6,
     "fold_curve": 7, "critical": 7, "critical_report": 7, "plot": 7, "curves": 7, "tables": 7, "figures": 7,
     "motion": 7, "report": 7, "problem": 7, "comparison": 7, "comparison_report": 7, "charts": 7, "chart_report": 7,
+    "basin": 7, "ramp": 7, "time_domain": 7,
     "terminal": 8, "commands": 8, "cli_methods": 8, "cli_chart": 8, "cli": 8, "benchmark": 8, "__main__": 8,
+    "cli_motion": 8,
 }  # fmt: skip
 
 
