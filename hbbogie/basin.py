@@ -92,11 +92,7 @@ def basin(
     """
     system.parameter(parameter)
     V, f = _increasing("values", values), _increasing("factors", factors)
-    if duration is not None:
-        positive("duration", duration, "s")
-    if int(workers) != workers or workers < 1:
-        raise ModelError(f"workers: got {workers!r}; give a whole number of processes, 1 or more.")
-    name, start = _direction(system, along)
+    name, start = check(system, along, duration, workers)
     notes: list[str] = []
     if branches is None:
         progress("tracing the cycles", None)
@@ -153,8 +149,32 @@ def _increasing(name: str, given: ArrayLike) -> Array:
     return x
 
 
-def _direction(system: System, along: Mapping[str, float] | None) -> tuple[str, Array | None]:
-    """Return the coordinate amplitudes are given in, and the state for factor 1 where it is given."""
+def check(
+    system: System, along: Mapping[str, float] | None, duration: float | None, workers: int
+) -> tuple[str, Array | None]:
+    """Check the arguments of `basin`.
+
+    Parameters
+    ----------
+    system, along, duration, workers
+        As of `basin`.
+
+    Returns
+    -------
+    name : str
+        The coordinate that amplitudes are given in.
+    start : ndarray, shape (n_states,), or None
+        The state for factor 1 where a direction is given.
+
+    Raises
+    ------
+    ModelError
+        For wrong input.
+    """
+    if duration is not None:
+        positive("duration", duration, "s")
+    if int(workers) != workers or workers < 1:
+        raise ModelError(f"workers: got {workers!r}; give a whole number of processes, 1 or more.")
     if along is None:
         return (system.nonlinear_coordinates or system.coordinate_names)[0], None
     start = initial_state(system, along)[1]
@@ -260,6 +280,7 @@ def _ends(job: _Job, shapes: Array, factors: Array, workers: int, progress: Prog
     starts = [np.outer(factors[part], shapes[i]) for i, part in tasks]
     done: list[Ends | None] = [None] * len(tasks)
     run = _in_processes if workers > 1 else _in_turn
+    progress("following motions", 0.0)
     for count, (k, ends) in enumerate(run(job, [i for i, _ in tasks], starts, min(workers, len(tasks)))):
         done[k] = ends
         progress("following motions", (count + 1) / len(tasks))

@@ -249,25 +249,25 @@ def follow(
     """
     count, looks = len(x), int(np.ceil(duration / place.period * (1 - 1e-12)))
     outcome, reason = np.full(count, "undecided", dtype="<U9"), np.full(count, OVER, dtype=object)
+    exact: NDArray[np.bool_] = (system.ode(x.T, place.p).full() == 0).all(axis=0)
     time, cycle = np.full(count, looks * place.period), np.full(count, -1)
     active, states = np.arange(count), x.copy()
     before = np.zeros((count, len(place.samples)))
-    exact = np.array(np.abs(system.ode(x.T, place.p).full()).max(axis=0) == 0)
     for k in range(looks + 1):
         y = states[active]
-        lost = ~(np.abs(y) < TOO_LARGE).all(axis=1)
+        lost = np.asarray(~(np.abs(y) < TOO_LARGE).all(axis=1), dtype=bool)
         y = np.where(lost[:, None], 0.0, y)
         away = [distances(y, c, place.scale) for c in place.samples]
         far = np.column_stack(away) if away else np.empty((len(y), 0))
         coming = far < np.maximum(before[active], 0.1 * place.near) if k else np.zeros(far.shape, dtype=bool)
         settled = (far < place.near) & coming & ~lost[:, None]
         before[active] = far
-        rest = np.array((_at_rest(place, y) | exact[active]) & ~lost)
-        done = lost | rest | settled.any(axis=1)
-        outcome[active[rest]], outcome[active[settled.any(axis=1)]] = "rest", "cycle"
-        reason[active[lost]], reason[active[settled.any(axis=1)]] = GROWN, SETTLED
+        rest, on_cycle = (_at_rest(place, y) | exact[active]) & ~lost, settled.any(axis=1)
+        done = lost | rest | on_cycle
+        outcome[active[rest]], outcome[active[on_cycle]] = "rest", "cycle"
+        reason[active[lost]], reason[active[on_cycle]] = GROWN, SETTLED
         reason[active[rest]] = np.where(exact[active[rest]], EXACT, place.proof)
-        cycle[active] = np.where(settled.any(axis=1), np.argmax(settled, axis=1) if away else 0, -1)
+        cycle[active[on_cycle]] = settled[on_cycle].argmax(axis=1) if away else -1
         time[active[done]] = k * place.period
         active = active[~done]
         if not len(active) or k == looks or stopped():

@@ -8,12 +8,12 @@ from types import ModuleType
 
 import numpy as np
 
-from hbbogie.basin import HARMONICS, basin
+from hbbogie.basin import HARMONICS, basin, check
 from hbbogie.curves import Curves, Progress, curves, default_interval, silent
 from hbbogie.errors import ModelError
 from hbbogie.figures import Figures, draw
 from hbbogie.guesses import check_interval
-from hbbogie.ramp import hysteresis
+from hbbogie.hysteresis import hysteresis
 from hbbogie.report import Report
 from hbbogie.results import Basin, Hysteresis, Passage
 from hbbogie.system import System
@@ -68,13 +68,16 @@ def basin_of(
     for name, count in (("number of parameter values", speeds), ("number of amplitudes", amplitudes)):
         if count < 1:
             raise ModelError(f"{name}: got {count}; give a whole number, 1 or more.")
+    check(system, along, duration, workers)  # before the cycles are traced
     parameter, found, (lo, hi) = _about(module, system, parameter, interval, ABOUT, progress)
     if largest is None:
         largest = BEYOND_CYCLE
         if along:
             name = next((n for n in along if n in system.coordinate_names), system.coordinate_names[0])
-            peaks = [b.amplitude(name).max() for b in found.branches.values()]
-            largest = BEYOND_PEAK * max(peaks, default=1.0) / (abs(along.get(name, 0.0)) or 1.0)
+            inside = [o for b in found.branches.values() for o in b.orbits if lo <= o.parameters[parameter] <= hi]
+            largest = (
+                BEYOND_PEAK * max((o.amplitude(name) for o in inside), default=1.0) / (abs(along.get(name, 0.0)) or 1.0)
+            )
     if not (np.isfinite(largest) and largest > 0):
         raise ModelError(f"largest amplitude: got {largest:g}; give a finite number above 0.")
     factors = largest * (np.arange(amplitudes) + 0.5) / amplitudes  # the middles of cells
@@ -132,7 +135,7 @@ def ramp_of(
     rates : sequence of float, unit of the parameter per second, optional
         Four, each half the one before, where left out.
     start, rise_from, level
-        As of `hbbogie.ramp.hysteresis`.
+        As of `hbbogie.hysteresis.hysteresis`.
 
     Raises
     ------
