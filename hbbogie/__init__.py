@@ -5,6 +5,8 @@ tutorial; `hbbogie.plot` draws results and is imported only when asked for.
 """
 
 from hbbogie.charts import chart
+from hbbogie.attraction import Attraction, measure_attraction
+from hbbogie.basin import find_basin
 from hbbogie.comparison import compare
 from hbbogie.continuation import trace
 from hbbogie.critical import critical_speeds, fold
@@ -12,6 +14,7 @@ from hbbogie.cycles import find_cycles
 from hbbogie.elements import Element
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import hopf_points
+from hbbogie.hysteresis import find_hysteresis
 from hbbogie.identification import Parametrisation, identify
 from hbbogie.integration import simulate
 from hbbogie.laws import (
@@ -30,6 +33,8 @@ from hbbogie.methods.describing_equations import DescribingFunction
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.problem import load_problem
 from hbbogie.results import Branch, Chart, Orbit, SpecialPoint, Stability, Trajectory
+from hbbogie.ramp import simulate_ramp
+from hbbogie.results import Basin, Branch, Hysteresis, Orbit, Passage, SpecialPoint, Stability, Trajectory
 from hbbogie.settling import last_orbit, settle
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet
@@ -39,7 +44,9 @@ from hbbogie.verification import verify
 __version__ = "0.1.0"
 
 __all__ = [
+    "Attraction",
     "Backlash",
+    "Basin",
     "Branch",
     "Chart",
     "ConvergenceError",
@@ -51,10 +58,12 @@ __all__ = [
     "Element",
     "Friction",
     "HarmonicBalance",
+    "Hysteresis",
     "ModelError",
     "Orbit",
     "Parameter",
     "Parametrisation",
+    "Passage",
     "Polynomial",
     "Saturation",
     "SpecialPoint",
@@ -67,15 +76,19 @@ __all__ = [
     "compare",
     "critical_speeds",
     "describing_function",
+    "find_basin",
     "find_cycles",
+    "find_hysteresis",
     "floquet",
     "fold",
     "hopf_points",
     "identify",
     "last_orbit",
     "load_problem",
+    "measure_attraction",
     "settle",
     "simulate",
+    "simulate_ramp",
     "solve",
     "trace",
     "verify",

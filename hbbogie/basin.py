@@ -32,7 +32,7 @@ MOTIONS = 32  # in one task: one call of the mapped integrator advances them all
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def basin(
+def find_basin(
     system: System,
     parameter: str,
     values: ArrayLike,
@@ -152,12 +152,12 @@ def _increasing(name: str, given: ArrayLike) -> Array:
 def check(
     system: System, along: Mapping[str, float] | None, duration: float | None, workers: int
 ) -> tuple[str, Array | None]:
-    """Check the arguments of `basin`.
+    """Check the arguments of `find_basin`.
 
     Parameters
     ----------
     system, along, duration, workers
-        As of `basin`.
+        As of `find_basin`.
 
     Returns
     -------

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.curves import Progress, silent
-from hbbogie.cycles import branches_from_hopf, crossings
+from hbbogie.cycles import branches_from_hopf, crossings, default_reach
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import Linearisation, check_interval, hopf_points
 from hbbogie.integration import Initial, initial_state, positive
@@ -26,7 +26,7 @@ DISTURBANCE = 1e-2  # at the start of a rise, in units of the level
 SAMPLES = 201  # of the linear growth rate over the range
 
 
-def hysteresis(
+def find_hysteresis(
     system: System,
     parameter: str,
     interval: tuple[float, float],
@@ -63,7 +63,7 @@ def hysteresis(
     rise_from : float, unit of the parameter, optional
         Where the rise begins; at the first Hopf point in the interval where left out, or at its lower end.
     branches : sequence of Branch, optional
-        The cycles over the parameter; traced from its Hopf points in and about the interval where left out.
+        The cycles over the parameter; traced from its Hopf points where left out.
     progress : callable
         Called with (message, fraction done or None).
 
@@ -95,8 +95,8 @@ def hysteresis(
     equations = HarmonicBalance(HARMONICS).equations(system)
     if branches is None:
         progress("tracing the cycles", None)
-        (low, high), width = system.parameter(parameter).bounds, hi - lo
-        around = max(low, lo - width), min(high, hi + width)  # a branch may begin or turn outside
+        reach = default_reach(system.with_parameters(**{parameter: hi}), parameter)
+        around = min(lo, reach[0]), max(hi, reach[1])  # a branch may begin or turn outside the interval
         branches = branches_from_hopf(equations, parameter, around, families=False)
     cycle, branch = _start_cycle(system, parameter, hi, branches, name)
     folds = [s for s in branch.folds() if s.value <= hi]
@@ -148,7 +148,7 @@ def _start_cycle(
     if not stable:
         raise ModelError(
             f"system {system.name!r} has no stable cycle at {parameter} = {value:g}, the upper end of the range, on a "
-            "branch that begins at a Hopf point in or near the range; give another range."
+            "branch that begins at a Hopf point; give another range."
         )
     return max(stable, key=lambda pair: pair[0].amplitude(name))
 

@@ -39,7 +39,7 @@ def simulate_ramp(
         Negative to fall; with 0 the motion is that of `simulate`.
     step : float, s
         Of the classical Runge-Kutta method, shortened so that the duration is a whole number of steps. The parameter
-        has its own value at every stage of a step (eq-ramp).
+        has its own value at every stage of a step (eq-drift).
     **parameters : float
         Parameter values, by name; that of the changing one is the value at t = 0.
 
@@ -101,7 +101,7 @@ def _runge_kutta(system: System, place: int) -> ca.Function:
         at = [value + share * h * rate if i == place else p[i] for i in range(len(system.parameters))]
         return system.ode(x, ca.vertcat(*at))
 
-    k1 = f(x, 0)  # eq-ramp
+    k1 = f(x, 0)  # eq-drift
     k2 = f(x + h / 2 * k1, 0.5)
     k3 = f(x + h / 2 * k2, 0.5)
     k4 = f(x + h * k3, 1)

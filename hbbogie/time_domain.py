@@ -8,12 +8,12 @@ from types import ModuleType
 
 import numpy as np
 
-from hbbogie.basin import HARMONICS, basin, check
+from hbbogie.basin import HARMONICS, check, find_basin
 from hbbogie.curves import Curves, Progress, curves, default_interval, silent
 from hbbogie.errors import ModelError
 from hbbogie.figures import Figures, draw
 from hbbogie.guesses import check_interval
-from hbbogie.hysteresis import hysteresis
+from hbbogie.hysteresis import find_hysteresis
 from hbbogie.report import Report
 from hbbogie.results import Basin, Hysteresis, Passage
 from hbbogie.system import System
@@ -56,9 +56,10 @@ def basin_of(
     speeds, amplitudes : int
         Number of parameter values and of factors.
     along, duration, workers
-        As of `hbbogie.basin.basin`.
+        As of `find_basin`.
     largest : float, optional
-        Largest factor: 1.65 along the unstable cycle; along a direction four times the largest stable peak.
+        Largest factor: 1.65 along the unstable cycle (rounded so that 1 lies between two factors); along a direction
+        four times the largest stable peak.
 
     Raises
     ------
@@ -80,10 +81,13 @@ def basin_of(
             )
     if not (np.isfinite(largest) and largest > 0):
         raise ModelError(f"largest amplitude: got {largest:g}; give a finite number above 0.")
-    factors = largest * (np.arange(amplitudes) + 0.5) / amplitudes  # the middles of cells
+    width = largest / amplitudes
+    if not along:
+        width = 1 / max(1, round(1 / width))  # the unstable cycle lies on an edge between cells
+    factors = width * (np.arange(amplitudes) + 0.5)  # the middles of cells
     values = np.linspace(lo, hi, speeds) if speeds > 1 else np.array([0.5 * (lo + hi)])
     branches = list(found.branches.values())
-    scan = basin(
+    scan = find_basin(
         system,
         parameter,
         values,
@@ -135,7 +139,7 @@ def ramp_of(
     rates : sequence of float, unit of the parameter per second, optional
         Four, each half the one before, where left out.
     start, rise_from, level
-        As of `hbbogie.hysteresis.hysteresis`.
+        As of `find_hysteresis`.
 
     Raises
     ------
@@ -149,7 +153,7 @@ def ramp_of(
         period = 2 * np.pi / hopf.omega if hopf else 1.0
         fastest = RATES * (hi - lo) / (1 + sum(RAMP)) / period
         rates = [float(f"{fastest:.0e}") / 2**k for k in range(HALVINGS)]
-    runs = hysteresis(
+    runs = find_hysteresis(
         system,
         parameter,
         (lo, hi),

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import hbbogie as hb
 from hbbogie import outcomes, plot
-from hbbogie.basin import basin
+from hbbogie.basin import find_basin
 from hbbogie.cli import app
 
 matplotlib.use("Agg")
@@ -33,7 +33,7 @@ def bautin():
 def sharp(bogie, branch):
     """Motions beside the unstable cycle, below the fold, between fold and Hopf point, and above."""
     values = [87.0, 88.7, 88.8, 89.0, 89.5, 90.0, 90.5, 90.9, 91.0, 93.0]
-    return basin(bogie, "V", values, [0.0, 0.5, 0.98, 1.02, 1.5], branches=[branch])
+    return find_basin(bogie, "V", values, [0.0, 0.5, 0.98, 1.02, 1.5], branches=[branch])
 
 
 def test_unstable_cycle_is_the_boundary(sharp):
@@ -64,7 +64,7 @@ def test_motions_end_on_the_stable_cycle(sharp):
 
 def test_released_displacements_of_the_paper(bogie, branch):
     """Figures 5 and 6 of the paper, and a third: both wheelsets released at 90 m/s."""
-    scan = basin(bogie, "V", [90.0], [0.0093, 0.012, 0.03], along={"q1": 1, "q3": 1}, branches=[branch])
+    scan = find_basin(bogie, "V", [90.0], [0.0093, 0.012, 0.03], along={"q1": 1, "q3": 1}, branches=[branch])
     assert scan.outcome.tolist() == [["rest", "rest", "cycle"]]
     np.testing.assert_allclose(scan.amplitudes, [[0.0093, 0.012, 0.03]])
     assert (scan.time < 30).all()
@@ -73,7 +73,7 @@ def test_released_displacements_of_the_paper(bogie, branch):
 def test_agrees_with_motions_that_are_followed_until_they_settle(bogie, branch):
     """`settle` decides by crossings and needs no cycle to be known."""
     sizes = [0.015, 0.025, 0.04]
-    scan = basin(bogie, "V", [89.5], sizes, along={"q1": 1}, branches=[branch])
+    scan = find_basin(bogie, "V", [89.5], sizes, along={"q1": 1}, branches=[branch])
     kinds = [hb.settle(bogie, {"q1": q}, V=89.5).kind for q in sizes]
     assert scan.outcome[0].tolist() == kinds
 
@@ -82,23 +82,23 @@ def test_bautin_basin_is_a_disc(bautin):
     values = np.array([-0.3, -0.2, -0.1, -0.03])
     radius = np.array([bautin.radii(mu)[0] if mu > -0.25 else np.nan for mu in values])
     factors = np.array([0.2, 0.999, 1.001, 3.0])
-    scan = basin(bautin.bautin(), "mu", values, factors, duration=2000.0)
+    scan = find_basin(bautin.bautin(), "mu", values, factors, duration=2000.0)
     np.testing.assert_allclose(scan.unstable, radius, rtol=1e-6)
     assert (scan.outcome[0] == "rest").all()
     assert (scan.outcome[1:] == ["rest", "rest", "cycle", "cycle"]).all()
     # in another direction the radius is the same
-    scan = basin(bautin.bautin(), "mu", [-0.2], radius[1] * factors, along={"x": 0.6, "y": -0.8}, duration=2000.0)
+    scan = find_basin(bautin.bautin(), "mu", [-0.2], radius[1] * factors, along={"x": 0.6, "y": -0.8}, duration=2000.0)
     assert scan.outcome.tolist() == [["rest", "rest", "cycle", "cycle"]]
 
 
 def test_time_that_is_too_short_leaves_it_undecided(bautin):
-    scan = basin(bautin.bautin(), "mu", [-0.2], [0.999], duration=10.0)
+    scan = find_basin(bautin.bautin(), "mu", [-0.2], [0.999], duration=10.0)
     assert scan.outcome[0, 0] == "undecided" and "time was over" in scan.reason[0, 0] and scan.time[0, 0] >= 10
 
 
 def test_motion_without_bound_is_undecided():
     """Outside the unstable cycle of van der Pol's oscillator with mu < 0."""
-    scan = basin(hb.load_problem("van_der_pol").van_der_pol(), "mu", [-0.5], [3.0], along={"x": 1})
+    scan = find_basin(hb.load_problem("van_der_pol").van_der_pol(), "mu", [-0.5], [3.0], along={"x": 1})
     assert scan.outcome[0, 0] == "undecided" and "grew without bound" in scan.reason[0, 0]
 
 
@@ -130,7 +130,8 @@ def test_processes_give_the_same(bautin):
     system, grid = bautin.bautin(), ("mu", [-0.2, 0.1], [0.5, 0.98, 1.02])
     told = []
     alone, together = (
-        basin(system, *grid, workers=workers, progress=lambda message, share: told.append(share)) for workers in (1, 2)
+        find_basin(system, *grid, workers=workers, progress=lambda message, share: told.append(share))
+        for workers in (1, 2)
     )
     assert (alone.outcome == together.outcome).all() and (alone.time == together.time).all()
     assert told[-1] == 1.0
@@ -172,7 +173,7 @@ def test_figure(sharp, branch):
 def test_wrong_input(bogie, branch, change, message):
     given = {"parameter": "V", "values": [90.0], "factors": [1.0], **change}
     with pytest.raises(hb.ModelError, match=message):
-        basin(bogie, **given, branches=[branch])
+        find_basin(bogie, **given, branches=[branch])
 
 
 # --- command line -----------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import hbbogie as hb
 from hbbogie import plot
 from hbbogie.cli import app
-from hbbogie.hysteresis import hysteresis, predicted_onset
+from hbbogie.hysteresis import find_hysteresis, predicted_onset
 from hbbogie.ramp import simulate_ramp, turning_points
 
 matplotlib.use("Agg")
@@ -27,12 +27,12 @@ def bautin():
 @pytest.fixture(scope="module")
 def runs(bautin):
     """Four rates, each half the one before."""
-    return hysteresis(bautin.bautin(), "mu", (-0.35, 0.2), [2e-3, 1e-3, 5e-4, 2.5e-4])
+    return find_hysteresis(bautin.bautin(), "mu", (-0.35, 0.2), [2e-3, 1e-3, 5e-4, 2.5e-4])
 
 
 @pytest.fixture(scope="module")
 def bogie_runs(bogie, branch):
-    return hysteresis(bogie, "V", (86.0, 103.0), [1.0, 0.5], branches=[branch])
+    return find_hysteresis(bogie, "V", (86.0, 103.0), [1.0, 0.5], branches=[branch])
 
 
 def test_rate_zero_is_plain_simulation(bogie):
@@ -136,7 +136,7 @@ def test_predicted_onset_remembers_the_start():
 
 def test_rise_from_below_the_hopf_point_follows_the_prediction(bautin):
     system, start = bautin.bautin(), {"x": 1e-4}
-    runs = hysteresis(system, "mu", (-0.05, 0.4), [1e-3], rise_from=-0.05, start=start, level=1e-2)
+    runs = find_hysteresis(system, "mu", (-0.05, 0.4), [1e-3], rise_from=-0.05, start=start, level=1e-2)
     (passage,) = runs.rising
     assert passage.event == pytest.approx(np.sqrt(0.05**2 + 2e-3 * np.log(100)), rel=0.02)
     assert passage.event == pytest.approx(passage.predicted, rel=0.02)
@@ -151,7 +151,7 @@ def test_hunting_of_the_bogie_dies_below_the_fold(bogie_runs):
 
 
 def test_what_does_not_happen_is_nan(bautin):
-    runs = hysteresis(bautin.bautin(), "mu", (-0.24, 0.01), [1e-2])
+    runs = find_hysteresis(bautin.bautin(), "mu", (-0.24, 0.01), [1e-2])
     assert np.isnan(runs.falling[0].event) and "not died out" in runs.falling[0].status
     assert np.isnan(runs.rising[0].event) and "not started" in runs.rising[0].status
 
@@ -181,7 +181,7 @@ def test_figures(runs, bautin):
 def test_wrong_input(bautin, change, message):
     given = {"parameter": "mu", "interval": (-0.3, 0.2), "rates": [1e-2], **change}
     with pytest.raises(hb.ModelError, match=message):
-        hysteresis(bautin.bautin(), **given)
+        find_hysteresis(bautin.bautin(), **given)
 
 
 def test_a_ramp_beyond_the_bounds_is_refused(bogie):

@@ -98,7 +98,7 @@ def hysteresis(
     factor, unit = scale(runs.unit or "1", [p.peaks for p in passages], ax.get_ylabel())
     ax.set_ylabel(f"[{unit}]")
     per_second = _per_second(runs.parameter_unit)
-    for some, name, shades in ((runs.falling, "falling", "Oranges"), (runs.rising, "rising", "Greens")):
+    for some, name, shades in ((runs.falling, "falling", "Purples"), (runs.rising, "rising", "Greens")):
         tones = colormaps[shades](np.linspace(0.9, 0.45, len(some)))
         fast_to_slow = ", ".join(f"{abs(p.rate):g}" for p in some)
         for p, tone in zip(some, tones, strict=True):
