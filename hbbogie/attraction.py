@@ -123,6 +123,8 @@ def measure_attraction(
     k = np.arange(periods + 1)
     logarithm = np.log(np.abs(shares)) + 1j * np.r_[0.0, np.cumsum(np.angle(ratios))]
     measured = complex(np.exp((k * logarithm).sum() / (k**2).sum()))  # a line through log 1 at the beginning
+    if predicted.imag == 0:  # what is left of its imaginary part is round-off
+        measured = complex(measured.real)
     off, scatter = abs(measured - predicted) / growth, float(np.abs(ratios / measured - 1).max())
     verdict = "attracts" if abs(measured) < 1 else "repels"
     status = (

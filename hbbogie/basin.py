@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.curves import Progress, silent
+from hbbogie.curves import Progress, silent, stability_of
 from hbbogie.cycles import branches_from_hopf, crossings, default_reach, distinct
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
@@ -22,7 +22,6 @@ from hbbogie.integration import initial_state, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import Ends, Place, follow, place_of, states_of, steps_for
 from hbbogie.results import Basin, Branch, Orbit
-from hbbogie.stability import floquet
 from hbbogie.system import System
 
 Array = NDArray[np.float64]
@@ -115,7 +114,7 @@ def find_basin(
         amplitudes = np.tile(np.abs(f * start[system.index(name)]), (len(V), 1))
     longest = [duration or PERIODS * (place.period if place else 0.0) for place in places]
     ends = _ends(_Job(system, places, longest, _steps(system, places)), shapes, f, int(workers), progress)
-    stable = [sorted(_peaks(some, "stable", name)) for some in cycles]
+    stable = [_peaks(some, "stable", name) for some in cycles]  # in the order of the places
     at_rest = np.where(ends.outcome == "rest", 0.0, np.nan)
     peaks = np.array(
         [[some[k] if k >= 0 else np.nan for k in row] for some, row in zip(stable, ends.cycle, strict=True)]
@@ -204,7 +203,7 @@ def _cycles(
                 here += crossings(equations, branch, float(value))
             except (ModelError, ConvergenceError) as error:
                 notes.append(f"Cycles at {parameter} = {value:g}: {error}")
-        found.append([o.replace(stability=floquet(system, o)) for o in distinct(here)])
+        found.append([o.replace(stability=stability_of(system, o)) for o in distinct(here)])
     return found
 
 

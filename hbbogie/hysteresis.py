@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.curves import Progress, silent
+from hbbogie.curves import Progress, silent, stability_of
 from hbbogie.cycles import branches_from_hopf, crossings, default_reach
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import Linearisation, check_interval, hopf_points
@@ -17,7 +17,6 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import place_of, steps_for
 from hbbogie.ramp import simulate_ramp, turning_points
 from hbbogie.results import Branch, Hysteresis, Orbit, Passage
-from hbbogie.stability import floquet
 from hbbogie.system import System
 
 Array = NDArray[np.float64]
@@ -143,7 +142,9 @@ def _start_cycle(
 ) -> tuple[Orbit, Branch]:
     """Return the largest stable cycle at a value, and its branch."""
     equations = HarmonicBalance(HARMONICS).equations(system)
-    found = [(o.replace(stability=floquet(system, o)), b) for b in branches for o in crossings(equations, b, value)]
+    found = [
+        (o.replace(stability=stability_of(system, o)), b) for b in branches for o in crossings(equations, b, value)
+    ]
     stable = [(o, b) for o, b in found if o.stability is not None and o.stability.verdict == "stable"]
     if not stable:
         raise ModelError(

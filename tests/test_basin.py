@@ -17,8 +17,9 @@ from typer.testing import CliRunner
 
 import hbbogie as hb
 from hbbogie import outcomes, plot
-from hbbogie.basin import find_basin
+from hbbogie.basin import _ends, _Job, find_basin
 from hbbogie.cli import app
+from hbbogie.curves import silent
 
 matplotlib.use("Agg")
 FOLD, HOPF = 88.764, 90.974  # m/s
@@ -136,6 +137,21 @@ def test_processes_give_the_same(bautin):
     assert (alone.outcome == together.outcome).all() and (alone.time == together.time).all()
     assert told[-1] == 1.0
     assert not multiprocessing.active_children()
+
+
+class Dying(_Job):
+    """A job whose process ends."""
+
+    def run(self, i, x, stopped=None):
+        os._exit(1)
+
+
+def test_a_process_that_ends_leaves_motions_undecided(bautin):
+    system = bautin.bautin()
+    place = outcomes.place_of(system, "mu", [], [])
+    ends = _ends(Dying(system, [place], [1.0], 256), np.ones((1, 2)), np.array([0.1, 0.2]), 2, silent)
+    assert ends.outcome.tolist() == [["undecided", "undecided"]]
+    assert ends.reason[0, 0] == "the process that followed it ended"
 
 
 def test_saved_and_loaded(sharp, tmp_path):
