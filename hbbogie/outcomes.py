@@ -24,6 +24,7 @@ APART = 0.2  # the same, in units of the distance from the next cycle
 TINY = 1e-3  # size, relative to the smallest cycle, of the neighbourhood of rest of a smooth system
 STEPS = (256, 512, 1024, 2048, 4096, 8192)  # per period, to choose from
 STEP_TIMES_EIGENVALUE = 0.2
+UNROLLED = 8  # steps written out in one function: half the time, for parameters are handed over once for all
 
 GROWN = "the motion grew without bound, or the steps are too long for it"
 OVER = "neither at rest nor on a known stable cycle when the time was over"
@@ -298,11 +299,13 @@ def _advanced(system: System, place: Place, x: Array, steps: int) -> Array:
 
 def _periods(system: System, steps: int) -> ca.Function:
     """Return (x, p, h) -> the state after so many steps of the classical Runge-Kutta method."""
-    x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
-    f = system.ode
-    k1 = f(x, p)
-    k2 = f(x + h / 2 * k1, p)
-    k3 = f(x + h / 2 * k2, p)
-    k4 = f(x + h * k3, p)
-    step = ca.Function("step", [x, p, h], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
-    return step.fold(steps)
+    start, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
+    f, x = system.ode, start
+    for _ in range(UNROLLED):
+        k1 = f(x, p)
+        k2 = f(x + h / 2 * k1, p)
+        k3 = f(x + h / 2 * k2, p)
+        k4 = f(x + h * k3, p)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    few = ca.Function("few", [start, p, h], [x], {"cse": True})
+    return few.fold(steps // UNROLLED)
