@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -113,7 +114,8 @@ def find_basin(
         shapes = np.tile(start, (len(V), 1))
         amplitudes = np.tile(np.abs(f * start[system.index(name)]), (len(V), 1))
     longest = [duration or PERIODS * (place.period if place else 0.0) for place in places]
-    ends = _ends(_Job(system, places, longest, _steps(system, places)), shapes, f, int(workers), progress)
+    steps = steps_for(system, [(place, np.abs(f).max() * x) for place, x in zip(places, shapes, strict=True) if place])
+    ends = _ends(_Job(system, places, longest, steps), shapes, f, int(workers), progress)
     stable = [_peaks(some, "stable", name) for some in cycles]  # in the order of the places
     at_rest = np.where(ends.outcome == "rest", 0.0, np.nan)
     peaks = np.array(
@@ -241,10 +243,6 @@ def _shape(system: System, cycles: Sequence[Orbit], place: Place | None, name: s
     return np.asarray(states_of(system, min(unstable, key=lambda o: o.amplitude(name)), 1)[0] - rest)
 
 
-def _steps(system: System, places: Sequence[Place | None]) -> int:
-    return steps_for(system, [place for place in places if place])
-
-
 # --- processes --------------------------------------------------------------------------------
 
 
@@ -317,8 +315,11 @@ def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers
         }
         try:
             for future in as_completed(futures):
-                if future.exception() is None:
-                    yield futures[future], future.result()
+                try:
+                    ends = future.result()
+                except BrokenProcessPool:
+                    continue
+                yield futures[future], ends
         finally:  # also after Ctrl-C: motions under way end at their next look
             stop.set()
             pool.shutdown(cancel_futures=True)

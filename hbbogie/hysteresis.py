@@ -112,7 +112,7 @@ def find_hysteresis(
     disturbed = {n: v + (rest[system.index(n)] if n in system.coordinate_names else 0.0) for n, v in begin.items()}
     kept = {n: float(v) for n, v in zip(system.coordinate_names, rest, strict=True)} | disturbed
     place = place_of(start_high, parameter, [cycle], [])
-    step = cycle.period / steps_for(start_high, [place])
+    step = cycle.period / steps_for(start_high, [(place, np.zeros(system.n_states))])
     falling, rising = [], []
     for k, rate in enumerate(speeds):
         progress(f"ramps: rate {rate:g}", k / len(speeds))

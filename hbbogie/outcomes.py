@@ -132,7 +132,8 @@ def place_of(system: System, parameter: str, cycles: Sequence[Orbit], others: Se
         inverse = np.linalg.inv(vectors).astype(complex)
     slow = eigenvalues[eigenvalues.imag > 1e-9 * np.abs(eigenvalues).max()]
     periods = [*(o.period for o in reversed(stable)), *(2 * np.pi / slow.imag), *(o.period for o in [*cycles, *others])]
-    period = float(next(iter(periods), 1 / np.abs(eigenvalues).min()))
+    fastest = float(np.abs(eigenvalues).max())
+    period = float(next(iter(periods), 2 * np.pi / fastest if fastest else 1.0))
     near = [min(NEAR, APART * _gap(system, o, cycles, scale)) for o in stable]
     return Place(system.vector(), period, rest, inverse, reach, proof, samples, scale, np.array(near))
 
@@ -212,11 +213,19 @@ def distances(x: Array, cycle: Array, scale: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(square.min(axis=1), 0.0) / x.shape[1]))
 
 
-def steps_for(system: System, places: Sequence[Place]) -> int:
-    """Return the steps per period with which the motions at all places are integrated well."""
+def steps_for(system: System, starts: Sequence[tuple[Place, Array]]) -> int:
+    """Return the steps per period with which motions at all places are integrated well.
+
+    Parameters
+    ----------
+    system : System
+    starts : sequence of (Place, ndarray of shape (n_states,))
+        Places, and the farthest state from the equilibrium at each.
+    """
     wanted = 0.0
-    for place in places:
-        x = np.vstack([place.equilibrium, *place.samples[:, :: PHASES // 32].reshape(-1, system.n_states)])
+    for place, farthest in starts:
+        around = place.samples[:, :: PHASES // 32].reshape(-1, system.n_states)
+        x = np.vstack([place.equilibrium, place.equilibrium + farthest, *around])
         A = np.array([system.ode_jacobian(state, place.p).full() for state in x])
         wanted = max(wanted, place.period * float(np.abs(np.linalg.eigvals(A)).max()) / STEP_TIMES_EIGENVALUE)
     return next((s for s in STEPS if s >= wanted), STEPS[-1])

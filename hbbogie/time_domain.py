@@ -23,6 +23,7 @@ BEYOND_CYCLE = 1.65  # largest factor of the unstable cycle's shape
 BEYOND_PEAK = 4.0  # largest amplitude along a direction, in units of the largest stable peak
 ABOUT = (0.8, 0.8)  # how far a scan reaches below the fold and beyond the Hopf point, in units of their distance
 RAMP = (1.5, 7.0)  # the same of a ramp
+LEAST = 0.01  # their distance counts at least so much, relative to the value
 RATES = 0.2  # fastest ramp, in distances of fold and Hopf point per period
 HALVINGS = 4  # rates, each half the one before
 
@@ -101,9 +102,11 @@ def basin_of(
     across = label(f"{system.parameter(parameter).description} {parameter}".strip(), scan.parameter_unit)
     figures: Figures = {"basin": partial(draw, "basin", scan, branches, found.hopf, parameter_label=across)}
     counts = {kind: int(scan.count(kind).sum()) for kind in ("rest", "cycle", "undecided")}
+    why, often = np.unique(scan.reason[scan.outcome == "undecided"], return_counts=True)
     notes = (
-        f"{system.name}: {scan.outcome.size} motions; {counts['rest']} come to rest, {counts['cycle']} settle on a "
-        f"cycle, {counts['undecided']} are undecided. Factors multiply: {scan.direction}.",
+        f"{system.name}: {scan.outcome.size} motion{'s' * (scan.outcome.size != 1)}; {counts['rest']} at rest in the "
+        f"end, {counts['cycle']} on a cycle, {counts['undecided']} undecided. Factors multiply: {scan.direction}.",
+        *(f"Undecided ({times}): {reason}." for reason, times in zip(why, often, strict=True)),
         *found.notes,
         *scan.notes,
     )
@@ -172,6 +175,11 @@ def ramp_of(
     notes = (
         f"Oscillation has died out where the peaks of {runs.coordinate} fall below {runs.level:.6g}{unit} for good, "
         f"and has started where they first reach it ({runs.meaning}).",
+        *(
+            f"{'Falling' if p.rate < 0 else 'Rising'} by {abs(p.rate):g}: {p.status}."
+            for p in (*runs.falling, *runs.rising)
+            if np.isnan(p.event)
+        ),
         *found.notes,
     )
     summary = {
@@ -206,10 +214,11 @@ def _about(
     lo, hi = own
     folds = [s.value for b in found.branches.values() for s in b.folds()]
     hopf = [s.value for s in found.hopf]
-    pairs = [(h - f, f, h) for f in folds for h in hopf if h > f]
-    if pairs:  # the fold below a Hopf point, and the Hopf point
-        width, fold, at = min(pairs)
-        lo, hi = max(lo, fold - reach[0] * width), min(hi, at + reach[1] * width)
+    for at in sorted(hopf):  # the first Hopf point with a fold below it, and the nearest fold
+        below = [fold for fold in folds if fold < at]
+        if below:
+            width = max(at - max(below), LEAST * abs(at))
+            return parameter, found, (max(lo, max(below) - reach[0] * width), min(hi, at + reach[1] * width))
     return parameter, found, (lo, hi)
 
 

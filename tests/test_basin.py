@@ -204,7 +204,7 @@ def test_command(tmp_path):
     assert result.exit_code == 0, result.output
     names = {file.name for file in tmp_path.iterdir()}
     assert names == {"basin.csv", "basin_motions.csv", "basin.nc", "basin.png"}
-    assert "12 motions" in result.stdout.replace("\n", " ")
+    assert "12 motions; " in result.stdout.replace("\n", " ")
 
 
 @pytest.mark.parametrize(
