@@ -92,6 +92,8 @@ def bogie_cusps() -> Figure:
     ax = plot.chart(hb.chart(bogie, "V", "a", (0.385, 0.425), span=(80.0, 140.0), longest=0.05))
     ax.set_ylim(100.6, 103.6)
     return plot.figure_of(ax)
+
+
 def attraction() -> Figure:
     """Draw the disturbances of both cycles of the bogie at 90 m/s after each period, and Floquet's law."""
     bogie = hb.load_problem("yang1995").bogie()
@@ -131,8 +133,8 @@ def save(figure: Figure, name: str) -> None:
 def main(wanted: list[str]) -> None:
     """Draw the figures whose names are given, or all."""
     IMAGES.mkdir(exist_ok=True)
-    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin, bogie_chart, bogie_cusps]
     own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin, attraction]
+    own += [bogie_chart, bogie_cusps]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)

@@ -4,9 +4,9 @@ System -> Equations -> Orbit -> Branch: each a value; verbs are functions. See t
 tutorial; `hbbogie.plot` draws results and is imported only when asked for.
 """
 
-from hbbogie.charts import chart
 from hbbogie.attraction import Attraction, measure_attraction
 from hbbogie.basin import find_basin
+from hbbogie.charts import chart
 from hbbogie.comparison import compare
 from hbbogie.continuation import trace
 from hbbogie.critical import critical_speeds, fold
@@ -17,24 +17,13 @@ from hbbogie.guesses import hopf_points
 from hbbogie.hysteresis import find_hysteresis
 from hbbogie.identification import Parametrisation, identify
 from hbbogie.integration import simulate
-from hbbogie.laws import (
-    Backlash,
-    CoulombFriction,
-    Cubic,
-    DeadBand,
-    Friction,
-    Polynomial,
-    Saturation,
-    Step,
-    Tabulated,
-)
+from hbbogie.laws import Backlash, CoulombFriction, Cubic, DeadBand, Friction, Polynomial, Saturation, Step, Tabulated
 from hbbogie.methods.describing import describing_function
 from hbbogie.methods.describing_equations import DescribingFunction
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.problem import load_problem
-from hbbogie.results import Branch, Chart, Orbit, SpecialPoint, Stability, Trajectory
 from hbbogie.ramp import simulate_ramp
-from hbbogie.results import Basin, Branch, Hysteresis, Orbit, Passage, SpecialPoint, Stability, Trajectory
+from hbbogie.results import Basin, Branch, Chart, Hysteresis, Orbit, Passage, SpecialPoint, Stability, Trajectory
 from hbbogie.settling import last_orbit, settle
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet

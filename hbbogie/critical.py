@@ -335,8 +335,8 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
     except ConvergenceError as error:
         extremum = "minimum" if special.status.startswith("smallest") else "maximum"
         status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
-        numbers = (special.value, extremum, special.omega, {}, orbit, orbit.residual, float("nan"))
-        return Critical("fold", special.parameter, *numbers, status)
+        value, omega, nan = special.value, special.omega, float("nan")
+        return Critical("fold", special.parameter, value, extremum, omega, {}, orbit, orbit.residual, nan, status)
 
 
 def _same(a: Critical, b: Critical) -> bool:

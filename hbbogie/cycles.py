@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -121,6 +122,8 @@ def verified(system: System, orbit: Orbit) -> tuple[Orbit, float]:
     errors = {"omega": abs(checked.omega_error), "waveform": checked.waveform_error}
     errors |= {name: abs(e) for name, e in checked.amplitude_errors.items()}
     stability = checked.orbit.stability
+    if stability is not None:
+        stability = replace(stability, mode=floquet(system, orbit).mode)
     return orbit.replace(errors=errors, stability=stability), max(errors["omega"] / orbit.omega, errors["waveform"])
 
 

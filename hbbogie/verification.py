@@ -346,4 +346,5 @@ def _stability(step: Step, passages: Passages) -> Stability:
     outside, near = int((moduli > 1 + margin).sum()), bool((np.abs(moduli - 1) <= margin).any())
     verdict = "unknown" if error > 1e-4 or (near and not outside) else "unstable" if outside else "stable"
     reason = f"largest modulus but the trivial one {moduli.max(initial=0.0):.6g}; error of the trivial one {error:.2g}."
-    return Stability(verdict, multipliers, error, outside, reason)
+    others = np.delete(multipliers, trivial)
+    return Stability(verdict, multipliers, error, outside, reason, None, complex(others[0]) if len(others) else None)
