@@ -85,17 +85,24 @@ class Expression:
 
     def rows(self, point: DesignPoint) -> list[Row]:
         """Return the one row."""
-        value, gradient = point.system.once(self, lambda: self.function(point.system))(point.system.vector())
-        return [Row(self.name, float(value), gradient.full().ravel())]
+        f, p = point.system.once(self, lambda: self.functions(point.system)), point.system.vector()
+        value, gradient = f[0](p)
 
-    def function(self, system: System) -> ca.Function:
-        """Return p -> (value, gradient)."""
+        def second(names: Sequence[str]) -> Array:
+            places = [point.system.parameter_names.index(n) for n in names]
+            return np.asarray(f[1](p).full()[np.ix_(places, places)])
+
+        return [Row(self.name, float(value), gradient.full().ravel(), second)]
+
+    def functions(self, system: System) -> tuple[ca.Function, ca.Function]:
+        """Return p -> (value, gradient), and p -> second derivatives."""
         p = ca.SX.sym("p", len(system.parameters))
         try:
             value = ca.SX(self.of(dict(zip(system.parameter_names, ca.vertsplit(p), strict=True))))
         except KeyError as error:
             raise ModelError(f"{self.name}: {unknown_name('parameter', error.args[0], system.parameter_names)}") from None
-        return ca.Function("expression", [p], [value, ca.densify(ca.gradient(value, p))])
+        hessian = ca.Function("expression_hessian", [p], [ca.densify(ca.hessian(value, p)[0])])
+        return ca.Function("expression", [p], [value, ca.densify(ca.gradient(value, p))]), hessian
 
 
 def cost_of_change(system: System, names: Sequence[str]) -> Expression:
@@ -227,9 +234,10 @@ class Peak:
         if cycle is None:
             return []
         z, p = equations.encode(cycle), point.system.vector(**{point.parameter: value})
-        sample, slopes = equations.once(("peak", self.of), lambda: _signal(equations, self.of))
+        signal, slopes = equations.once(("peak", self.of), lambda: _signal(equations, self.of))
         tau = fourier.phases(32 * (cycle.H + 1))
-        s = sample(tau[None, :], z, p).full().ravel()
+        q, v = (cycle.omega**d * fourier.synthesis(cycle.H, tau, d) @ cycle.coefficients for d in (0, 1))
+        s = signal.map(len(tau))(q.T, v.T, p).full().ravel()
         best, sign = float(tau[np.argmax(np.abs(s))]), float(np.sign(s[np.argmax(np.abs(s))]))
         for _ in range(4):
             _, d1, d2, _ = slopes(best, z, p)
@@ -247,22 +255,23 @@ class Peak:
 
 
 def _signal(equations: Equations, of: str) -> tuple[ca.Function, ca.Function]:
-    """Return (phases, z, p) -> signal, and (phase, z, p) -> signal, its two derivatives in it, its gradient in (z, p)."""
+    """Return (q, v, p) -> signal, and (phase, z, p) -> signal, its two derivatives in it, its gradient in (z, p)."""
     system = equations.system
     H = (equations.coefficients.size1_out(0) - 1) // 2
     tau, z, p = ca.MX.sym("tau"), ca.MX.sym("z", equations.size), ca.MX.sym("p", len(system.parameters))
     h = ca.DM(np.arange(1, H + 1))
     both = ca.vec(ca.horzcat(ca.cos(h * tau), ca.sin(h * tau)).T)
     turned = ca.vec(ca.horzcat(-h * ca.sin(h * tau), h * ca.cos(h * tau)).T)
-    c = equations.coefficients(z, p)
-    q, v = (c[0, :] + both.T @ c[1:, :]).T, (equations.frequency(z) * turned.T @ c[1:, :]).T
     elements = {e.name: e for e in system.elements}
+    q, v = ca.MX.sym("q", system.n), ca.MX.sym("v", system.n)
     if of in elements:
-        s = elements[of].force(elements[of].argument(q, v, p), p)
+        signal = ca.Function("signal", [q, v, p], [elements[of].force(elements[of].argument(q, v, p), p)])
     elif of in system.coordinate_names:
-        s = q[system.index(of)]
+        signal = ca.Function("signal", [q, v, p], [q[system.index(of)]])
     else:
         raise ModelError(f"Peak: {unknown_name('coordinate or element', of, (*system.coordinate_names, *elements))}")
+    c = equations.coefficients(z, p)
+    s = signal((c[0, :] + both.T @ c[1:, :]).T, (equations.frequency(z) * turned.T @ c[1:, :]).T, p)
     d1 = ca.gradient(s, tau)
     slopes = ca.Function("slopes", [tau, z, p], [s, d1, ca.gradient(d1, tau), ca.gradient(s, ca.vertcat(z, p))])
-    return ca.Function("signal", [tau, z, p], [s]), slopes
+    return signal, slopes

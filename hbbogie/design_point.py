@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.critical import Critical, critical_speeds, fold, hopf_gradient
+from hbbogie.curvature import critical_hessian
 from hbbogie.cycles import branches_from_hopf, crossings
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError
@@ -21,7 +23,7 @@ from hbbogie.stability import floquet
 from hbbogie.system import System
 
 Array = NDArray[np.float64]
-SAMPLES = 61  # of the range, between which Hopf points are bracketed from one design to the next
+SAMPLES = 41  # of the range, between which Hopf points are bracketed from one design to the next
 SAME = 1e-7  # relative distance in value and frequency below which two folds are one
 
 
@@ -36,11 +38,14 @@ class Row:
     value : float
     gradient : ndarray, shape (number of parameters,)
         Derivative in every parameter of the system.
+    hessian : callable, optional
+        Names of k parameters -> second derivatives in them, shape (k, k), where they are known.
     """
 
     name: str
     value: float
     gradient: Array
+    hessian: Callable[[Sequence[str]], Array] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +151,10 @@ def critical_rows(point: DesignPoint) -> list[tuple[Row, Critical | None]]:
     for c in sorted(point.critical, key=lambda c: (c.kind, c.omega)):
         count[c.kind] += 1
         label = "Hopf point" if c.kind == "hopf" else "fold"
-        rows.append((Row(f"{label} {count[c.kind]}", c.value, point.gradient(c.gradient)), c))
-    end = Row("end of the range", point.interval[1], np.zeros(len(point.system.parameters)))
+        second = partial(critical_hessian, point.equations, c)
+        rows.append((Row(f"{label} {count[c.kind]}", c.value, point.gradient(c.gradient), second), c))
+    flat = np.zeros(len(point.system.parameters))
+    end = Row("end of the range", point.interval[1], flat, lambda names: np.zeros((len(names), len(names))))
     return [*rows, (end, None)]
 
 

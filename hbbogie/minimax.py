@@ -40,12 +40,15 @@ class Sample(Generic[T]):
         Gradients of both, by name.
     point : object
         What the caller keeps with it.
+    curvatures : dict of callable
+        Where they are known: functions without arguments that return second derivatives, shape (n, n), by name.
     """
 
     f: dict[str, float]
     c: dict[str, float]
     slopes: dict[str, Array]
     point: T
+    curvatures: dict[str, Callable[[], Array]] = field(default_factory=dict)
 
     @property
     def largest(self) -> float:
@@ -90,17 +93,24 @@ class Minimum(Generic[T]):
 
 
 def minimise_largest(
-    evaluate: Callable[[Array, T | None], Sample[T]], x: Array, *, tolerance: float = 1e-7, iterations: int = 80
+    evaluate: Callable[[Array, T | None], Sample[T]],
+    x: Array,
+    near: T | None = None,
+    *,
+    tolerance: float = 1e-7,
+    iterations: int = 80,
 ) -> Minimum[T]:
     """Minimise the largest of several functions over the unit cube, subject to constraints.
 
     Parameters
     ----------
     evaluate : callable
-        (x, what was kept at a point near by, None at first) -> Sample; raises `ConvergenceError` where it cannot,
-        which shortens the step.
+        (x, what was kept at a point near by) -> Sample; raises `ConvergenceError` where it cannot, which shortens
+        the step.
     x : ndarray, shape (n,)
         Where the search begins.
+    near : object, optional
+        What was kept at a point near that.
     tolerance : float
         Largest entry of the gradient of the Lagrangian, and largest violation.
     iterations : int
@@ -119,8 +129,9 @@ def minimise_largest(
     R. Fletcher, Practical Methods of Optimization, second edition, Wiley 1987, section 14.4 (exact penalty, trust
     region); M. J. D. Powell, in Numerical Analysis (Dundee 1977), Springer 1978, 144-157 (damped update).
     """
-    here = evaluate(x, None)
-    B, radius, penalty, fresh = np.zeros((len(x), len(x))), 0.2, PENALTY, True
+    here = evaluate(x, near)
+    radius, penalty = 0.2, PENALTY
+    B = rest = np.zeros((len(x), len(x)))
     history: list[tuple[float, float, float]] = []
     status = f"not converged after {iterations} iterations"
     for _ in range(iterations):
@@ -151,12 +162,13 @@ def minimise_largest(
                 status = "no better design was found within the shortest step"
                 break
             continue
-        B, fresh = _updated(B, here, there, step, fresh)
         if gain > GOOD * expected and length > 0.9 * radius:
             radius = min(2 * radius, LONGEST)
         elif gain < 0.3 * expected:
             radius = max(length / 2, SHORTEST)
+        rest = _updated(rest, here, there, step)
         x, here = np.clip(x + step.d, 0.0, 1.0), there
+        B = _known(here, {i: w for i, w in step.weights.items() if i in here.slopes}, x) + rest
     step = _step(here, B, x, SHORTEST, penalty)
     residual = float(np.abs(_projected(here, step, x)).max())
     return _minimum(here, step, x, residual, False, status, history)
@@ -241,7 +253,7 @@ def _projected(sample: Sample[Any], step: _Step, x: Array) -> Array:
     """Return the gradient of the Lagrangian without what the bounds hold, and without what a step would gain."""
     g = _lagrangian(sample, step.weights)
     g = np.zeros(len(x)) if g is None else g
-    held = ((x <= 1e-9) & (g > 0)) | ((x >= 1 - 1e-9) & (g < 0))
+    held = _held(x, g)
     open_ = [w * abs(top - value) for i, w in step.weights.items() for value, top in [_gap(sample, i)]]
     return np.append(np.where(held, 0.0, g), open_)
 
@@ -250,21 +262,47 @@ def _gap(sample: Sample[Any], name: str) -> tuple[float, float]:
     return (sample.f[name], sample.largest) if name in sample.f else (min(sample.c[name], 0.0), 0.0)
 
 
-def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: _Step, fresh: bool) -> tuple[Array, bool]:
-    """Return Powell's damped update of the Hessian of the Lagrangian."""
-    before, after = _lagrangian(here, step.weights), _lagrangian(there, step.weights)
+def _known(sample: Sample[Any], weights: dict[str, float], x: Array) -> Array:
+    """Return what is known of the Hessian of the Lagrangian, along the rows and bounds that hold the design.
+
+    Across them steps are not free to use it, and there it may well be negative, which the program must not be.
+    """
+    H = sum((w * sample.curvatures[i]() for i, w in weights.items() if i in sample.curvatures), np.zeros((len(x),) * 2))
+    slopes = [sample.slopes[i] for i in weights if i in sample.f]
+    g = _lagrangian(sample, weights)
+    held = np.eye(len(x))[_held(x, np.zeros(len(x)) if g is None else g)]
+    A = np.vstack([*(s - slopes[0] for s in slopes[1:]), *(sample.slopes[i] for i in weights if i in sample.c), *held,
+                   np.zeros(len(x))])  # fmt: skip
+    _, sizes, axes = np.linalg.svd(A)
+    Z = axes[int((sizes > 1e-6 * max(sizes.max(initial=0.0), 1e-300)).sum()) :].T
+    curvatures, directions = np.linalg.eigh(Z.T @ H @ Z)
+    Z = Z @ directions
+    return np.asarray(Z * np.maximum(curvatures, 0.0) @ Z.T)
+
+
+def _held(x: Array, g: Array) -> NDArray[np.bool_]:
+    """Return which bounds hold a point against the descent of a function with gradient g."""
+    return ((x <= 1e-9) & (g > 0)) | ((x >= 1 - 1e-9) & (g < 0))
+
+
+def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: _Step) -> Array:
+    """Return Powell's damped update of the Hessian of the rest of the Lagrangian, whose second derivatives are unknown."""
+    weights = {i: w for i, w in step.weights.items() if i not in here.curvatures}
+    before, after = _lagrangian(here, weights), _lagrangian(there, weights)
     s = step.d
+    if not weights:
+        return np.zeros_like(B)
     if before is None or after is None or s @ s < 1e-24:
-        return B, fresh
+        return B
     y = after - before
-    if fresh:
-        size = max(abs(float(y @ y) / float(y @ s)) if abs(y @ s) > 1e-16 else 1.0, 1e-3)
-        B = min(size, 1e2) * np.eye(len(s))
+    if not B.any():
+        size = abs(float(y @ y) / float(y @ s)) if abs(y @ s) > 1e-16 else 1.0
+        B = min(max(size, 1e-3), 1e2) * np.eye(len(s))
     Bs = B @ s
     sBs = float(s @ Bs)
     theta = 1.0 if s @ y >= 0.2 * sBs else 0.8 * sBs / (sBs - float(s @ y))
     r = theta * y + (1 - theta) * Bs
-    return B - np.outer(Bs, Bs) / sBs + np.outer(r, r) / float(s @ r), False
+    return np.asarray(B - np.outer(Bs, Bs) / sBs + np.outer(r, r) / float(s @ r))
 
 
 def _minimum(
