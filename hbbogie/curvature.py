@@ -68,14 +68,10 @@ def _of_fold(equations: Equations, critical: Critical, place: int, places: tuple
 
 
 def _of_hopf(system: System, critical: Critical, place: int, places: tuple[int, ...], p: Array) -> Array:
-    n, N = system.n, system.n_states
-    x = critical.orbit.coefficients[0]
-    A = system.ode_jacobian(np.append(x, np.zeros(N - n)), p).full()
-    values, vectors = np.linalg.eig(A)
-    v = vectors[:, int(np.argmin(np.abs(values - 1j * critical.omega)))]
-    v = v / np.linalg.norm(v)
+    n, x = system.n, critical.orbit.coefficients[0]
+    v = critical_vector(system, critical, p)
     y = np.concatenate([x, v.real, v.imag, [critical.omega, critical.value]])
-    first, second = system.once(("hopf conditions", place), lambda: _hopf_conditions(system, place))
+    _, first, second = system.once(("hopf conditions", place), lambda: hopf_conditions(system, place))
     Gy, Gp = (g.full() for g in first(y, p, v.real, v.imag))
     # where the equilibrium stays, its equations may be singular and have nothing to say
     kept = np.arange(len(y)) if np.any(Gp[:n]) else np.arange(n, len(y))
@@ -92,11 +88,31 @@ def _of_hopf(system: System, critical: Critical, place: int, places: tuple[int, 
     return np.asarray(T.T @ H @ T)
 
 
-def _hopf_conditions(system: System, place: int) -> tuple[ca.Function, ca.Function]:
-    """Return first and second derivatives of the equations of a Hopf point.
+def critical_vector(system: System, critical: Critical, p: Array) -> NDArray[np.complex128]:
+    """Return the eigenvector of length 1 of a Hopf point, shape (n_states,)."""
+    x = np.append(critical.orbit.coefficients[0], np.zeros(system.n_states - system.n))
+    values, vectors = np.linalg.eig(system.ode_jacobian(x, p).full())
+    v = vectors[:, int(np.argmin(np.abs(values - 1j * critical.omega)))]
+    return np.asarray(v / np.linalg.norm(v), dtype=complex)
 
-    The unknowns are equilibrium, real and imaginary part of the eigenvector v, omega and the value; the equations
+
+def hopf_conditions(system: System, place: int) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """Return the equations of a Hopf point, as many as unknowns, and their derivatives.
+
+    The unknowns y are equilibrium, real and imaginary part of the eigenvector v, omega and the value; the equations
     are those of the equilibrium, A v = i omega v, and w . v = 1 with a constant vector w.
+
+    Parameters
+    ----------
+    system : System
+    place : int
+        Place of the parameter whose value is among the unknowns.
+
+    Returns
+    -------
+    casadi.Function, (y, p, real w, imaginary w) -> equations
+    casadi.Function, (y, p, real w, imaginary w) -> derivatives in y, in p
+    casadi.Function, (y, p, real w, imaginary w, mu) -> second derivative of mu . equations in (y, p)
     """
     n, N = system.n, system.n_states
     x, a, b = ca.SX.sym("x", n), ca.SX.sym("a", N), ca.SX.sym("b", N)
@@ -114,6 +130,7 @@ def _hopf_conditions(system: System, place: int) -> tuple[ca.Function, ca.Functi
     )
     y, mu = ca.vertcat(x, a, b, omega, value), ca.SX.sym("mu", G.numel())
     given = [y, p, w_a, w_b]
+    plain = ca.Function("hopf", given, [ca.densify(G)])
     first = ca.Function("hopf_slopes", given, [ca.densify(ca.jacobian(G, s)) for s in (y, p)])
     hessian = ca.hessian(ca.dot(mu, G), ca.vertcat(y, p))[0]
-    return first, ca.Function("hopf_curvature", [*given, mu], [ca.densify(hessian)])
+    return plain, first, ca.Function("hopf_curvature", [*given, mu], [ca.densify(hessian)])

@@ -114,7 +114,8 @@ def design_point(
     if eigenvalues[0].real > 1e-9 * np.abs(eigenvalues).max():
         raise ConvergenceError(
             f"the equilibrium is unstable already at {parameter} = {interval[0]:g}, where the range begins: the "
-            "critical value lies below it."
+            "critical value lies below it.",
+            statistics={"below": interval[0]},
         )
     hopf = [] if near is None else hopf_points(system, parameter, interval, points=SAMPLES)
     if near is None or len(hopf) != sum(c.kind == "hopf" for c in near.critical):
