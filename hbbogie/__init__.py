@@ -8,6 +8,7 @@ from hbbogie.comparison import compare
 from hbbogie.continuation import trace
 from hbbogie.critical import critical_speeds, fold
 from hbbogie.cycles import find_cycles
+from hbbogie.design import optimise
 from hbbogie.elements import Element
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import hopf_points
@@ -69,6 +70,7 @@ __all__ = [
     "identify",
     "last_orbit",
     "load_problem",
+    "optimise",
     "settle",
     "simulate",
     "solve",

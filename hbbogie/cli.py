@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from hbbogie import cli_design as cli_design  # adds its command
 from hbbogie import cli_methods as cli_methods  # adds its commands
 from hbbogie.commands import (
     FIGURES,

@@ -1,4 +1,4 @@
-"""What a design is judged by: functions of parameters, eigenvalues, cycles and critical values, with exact gradients."""
+"""What a design is judged by: functions of parameters, eigenvalues, cycles, critical values, with exact gradients."""
 
 from __future__ import annotations
 
@@ -100,7 +100,9 @@ class Expression:
         try:
             value = ca.SX(self.of(dict(zip(system.parameter_names, ca.vertsplit(p), strict=True))))
         except KeyError as error:
-            raise ModelError(f"{self.name}: {unknown_name('parameter', error.args[0], system.parameter_names)}") from None
+            raise ModelError(
+                f"{self.name}: {unknown_name('parameter', error.args[0], system.parameter_names)}"
+            ) from None
         hessian = ca.Function("expression_hessian", [p], [ca.densify(ca.hessian(value, p)[0])])
         return ca.Function("expression", [p], [value, ca.densify(ca.gradient(value, p))]), hessian
 
@@ -180,7 +182,7 @@ def eigenvalue_slopes(system: System, x: Array, p: Array) -> tuple[NDArray[np.co
 
 
 def _state_matrix_slopes(system: System) -> ca.Function:
-    """Return (x, p) -> derivatives of the state matrix in p and q, stiffness at rest, derivative of the residual in p."""
+    """Return (x, p) -> derivatives of the state matrix in p and q, and of the residual at rest in q and p."""
     x, p = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
     A = ca.vec(ca.densify(system.ode_jacobian(x, p)))
     r = system.residual(x[: system.n], 0, 0, p)
@@ -226,8 +228,8 @@ class Peak:
 
     def rows(self, point: DesignPoint) -> list[Row]:
         """Return the one row, or none where there is no cycle."""
-        equations, factor = point.equations, 1 + (self.overspeed or 0)
-        value = self.at if self.at is not None else factor * point.value
+        equations, share = point.equations, self.overspeed or 0.0
+        value = self.at if self.at is not None else point.beyond(share)
         if value < point.value:
             return []
         cycle = stable_cycle(point, self, value)
@@ -250,7 +252,7 @@ class Peak:
         along, gradient[place] = gradient[place], 0.0
         if self.overspeed is not None:
             smallest = min((row for row, _ in critical_rows(point)), key=lambda row: row.value)
-            gradient = gradient + along * factor * smallest.gradient
+            gradient = gradient + along * (1 + share * np.sign(point.value)) * smallest.gradient
         return [Row(self.name, float(sign * peak), gradient)]
 
 

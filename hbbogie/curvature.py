@@ -80,9 +80,9 @@ def _of_hopf(system: System, critical: Critical, place: int, places: tuple[int, 
     along[-1] = 1.0
     mu = np.zeros(len(y))
     mu[kept] = -np.linalg.solve(Gy.T, along)
-    columns = list(places)
+    columns = np.array(places)
     moved = -np.linalg.solve(Gy, Gp[np.ix_(kept, columns)])
-    both = [*kept, *(len(y) + i for i in columns)]
+    both = np.concatenate([kept, len(y) + columns])
     H = second(y, p, v.real, v.imag, mu).full()[np.ix_(both, both)]
     T = np.vstack([moved, np.eye(len(columns))])
     return np.asarray(T.T @ H @ T)

@@ -77,6 +77,10 @@ class DesignPoint:
         """The smallest critical value, or the end of the range where there is none below it."""
         return min([c.value for c in self.critical] + [self.interval[1]])
 
+    def beyond(self, share: float) -> float:
+        """Return the value a share beyond the smallest critical value."""
+        return self.value + share * abs(self.value)
+
     def gradient(self, slopes: Mapping[str, float]) -> Array:
         """Return a gradient by name as a vector over all parameters, shape (number of parameters,)."""
         return np.array([slopes.get(n, 0.0) for n in self.system.parameter_names])
@@ -128,7 +132,9 @@ def design_point(
                 found.append(warm)
     kept = sorted((c for c in found if c.extremum != "maximum"), key=lambda c: c.value)
     if kept and not kept[0].gradient and len(system.parameters) > 1:
-        raise ConvergenceError(f"the {kept[0].kind} at {parameter} = {kept[0].value:g} has no gradient: {kept[0].status}")
+        raise ConvergenceError(
+            f"the {kept[0].kind} at {parameter} = {kept[0].value:g} has no gradient: {kept[0].status}"
+        )
     cycles = {} if near is None else dict(near.kept)
     return DesignPoint(system, equations, parameter, interval, tuple(c for c in kept if c.gradient), cycles)
 

@@ -286,7 +286,7 @@ def _held(x: Array, g: Array) -> NDArray[np.bool_]:
 
 
 def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: _Step) -> Array:
-    """Return Powell's damped update of the Hessian of the rest of the Lagrangian, whose second derivatives are unknown."""
+    """Return Powell's damped update of the Hessian of the rest of the Lagrangian, not known otherwise."""
     weights = {i: w for i, w in step.weights.items() if i not in here.curvatures}
     before, after = _lagrangian(here, weights), _lagrangian(there, weights)
     s = step.d

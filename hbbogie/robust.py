@@ -66,7 +66,9 @@ class Uncertainty:
     def root(self) -> Array:
         """Matrix T, shape (k, k), such that the factors are their mean plus T times independent standard variables."""
         sd = self.moments[1]
-        return np.diag(sd) if self.correlation is None else sd[:, None] * np.linalg.cholesky(np.asarray(self.correlation))
+        return (
+            np.diag(sd) if self.correlation is None else sd[:, None] * np.linalg.cholesky(np.asarray(self.correlation))
+        )
 
     def sample(self, count: int, rng: np.random.Generator) -> Array:
         """Return random factors, shape (count, k)."""
@@ -124,7 +126,7 @@ class Spread:
     def shares(self) -> dict[str, float]:
         """Share of each factor in the variance of the linear approximation [1]; they add up to 1 if independent."""
         part = (self.uncertainty.root.T @ self.slopes) ** 2
-        return dict(zip(self.uncertainty.factors, part / max(part.sum(), 1e-300), strict=True))
+        return dict(zip(self.uncertainty.factors, map(float, part / max(part.sum(), 1e-300)), strict=True))
 
 
 def spreads(point: DesignPoint, uncertainty: Uncertainty) -> list[Spread]:
@@ -141,7 +143,9 @@ def spreads(point: DesignPoint, uncertainty: Uncertainty) -> list[Spread]:
     found = []
     for row, c in critical_rows(point):
         if c is not None and row.hessian is not None:
-            found.append(Spread(row.name, row.value, row.gradient[places] * p, row.hessian(names) * np.outer(p, p), uncertainty))
+            found.append(
+                Spread(row.name, row.value, row.gradient[places] * p, row.hessian(names) * np.outer(p, p), uncertainty)
+            )
     return found
 
 
@@ -208,7 +212,9 @@ class RobustValue:
             H[np.arange(len(a)), uncertain] += row.gradient[uncertain]  # a_j = dV/dp_j p_j depends on p_j twice
             sigma = float(np.linalg.norm(T.T @ a))
             slope = (T @ (T.T @ a)) @ H / sigma if sigma else np.zeros(H.shape[1])
-            rows.append(Row(row.name, row.value + a @ shift - self.k * sigma, row.gradient + shift @ H - self.k * slope))
+            rows.append(
+                Row(row.name, float(row.value + a @ shift - self.k * sigma), row.gradient + shift @ H - self.k * slope)
+            )
         return rows
 
 
@@ -274,7 +280,9 @@ def monte_carlo(
         if progress:
             progress("random designs", i / count)
         try:
-            changed = point.system.with_parameters(**dict(zip(uncertainty.factors, map(float, factor * p), strict=True)))
+            changed = point.system.with_parameters(
+                **dict(zip(uncertainty.factors, map(float, factor * p), strict=True))
+            )
             values[i] = design_point(changed, point.parameter, point.interval, H, point).value
         except ConvergenceError as error:
             values[i] = error.statistics.get("below", np.nan)
@@ -283,9 +291,7 @@ def monte_carlo(
     return MonteCarlo(factors, values)
 
 
-def predicted_below(
-    found: list[Spread], value: float, count: int = 100_000, seed: int = 0
-) -> tuple[float, float]:
+def predicted_below(found: list[Spread], value: float, count: int = 100_000, seed: int = 0) -> tuple[float, float]:
     """Return the probability that the smallest critical value lies below a value, to first and second order.
 
     Parameters
@@ -301,6 +307,8 @@ def predicted_below(
     first, second : float
         The first is that of the lowest mean minus deviation alone.
     """
-    first = max(float(stats.norm.cdf((value - m) / s)) if s else float(m < value) for m, s in (f.first_order for f in found))
+    first = max(
+        float(stats.norm.cdf((value - m) / s)) if s else float(m < value) for m, s in (f.first_order for f in found)
+    )
     factors = found[0].uncertainty.sample(count, np.random.default_rng(seed))
     return first, float((np.min([f.predict(factors) for f in found], axis=0) < value).mean())

@@ -1,4 +1,4 @@
-"""The design as one nonlinear program, in which the critical points are constraints: a cross-check of the nested search."""
+"""The design as one nonlinear program with the critical points as constraints: a cross-check of the search."""
 
 from __future__ import annotations
 
@@ -19,6 +19,17 @@ from hbbogie.errors import ModelError
 from hbbogie.system import System
 
 Array = NDArray[np.float64]
+IPOPT: dict[str, Any] = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-8,
+    "hessian_approximation": "limited-memory",
+    "limited_memory_max_history": 30,
+    "nlp_scaling_method": "none",  # the program is scaled already
+    "mu_init": 1e-3,
+    "bound_push": 1e-6,
+    "bound_frac": 1e-6,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +66,11 @@ class _Block:
 
 
 def single_level(
-    point: DesignPoint, over: Mapping[str, tuple[float, float]], subject_to: Sequence[Limit] = (), *, iterations: int = 500
+    point: DesignPoint,
+    over: Mapping[str, tuple[float, float]],
+    subject_to: Sequence[Limit] = (),
+    *,
+    iterations: int = 500,
 ) -> SingleLevel:
     """Maximise the smallest critical value in one nonlinear program, by IPOPT.
 
@@ -92,7 +107,9 @@ def single_level(
     """
     system, names = point.system, list(over)
     if any(not isinstance(limit.quantity, Expression) for limit in subject_to):
-        raise ModelError("single_level: only limits on functions of the parameters (Expression) can stand in the program.")
+        raise ModelError(
+            "single_level: only limits on functions of the parameters (Expression) can stand in the program."
+        )
     if not point.critical:
         raise ModelError("single_level: the design has no critical point in the range, nothing to raise.")
     place = system.parameter_names.index(point.parameter)
@@ -118,18 +135,7 @@ def single_level(
     options: dict[str, Any] = {
         "print_time": False,
         "jac_g": ca.Function("jac_g", [w, ca.MX.sym("none", 0)], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "max_iter": iterations,
-            "tol": 1e-8,
-            "hessian_approximation": "limited-memory",
-            "limited_memory_max_history": 30,
-            "nlp_scaling_method": "none",  # the program is scaled already
-            "mu_init": 1e-3,
-            "bound_push": 1e-6,
-            "bound_frac": 1e-6,
-        },
+        "ipopt": {**IPOPT, "max_iter": iterations},
     }
     solver = ca.nlpsol("design", "ipopt", {"x": w, "f": -t, "g": g}, options)
     x0 = np.concatenate([start_u, [point.value / scale], *(b.start for b in blocks)])
@@ -220,5 +226,7 @@ def _hopf_block(
     given = (x * sizes, p, v.real, v.imag)
     G, (Gy, Gp) = plain(*given) / rows, first(*given)
     Gu = Gp[:, places] * ca.repmat(ca.DM(width).T, len(rows), 1)
-    jacobian = ca.horzcat(Gy * ca.repmat(ca.DM(sizes).T, len(rows), 1), Gu) / ca.repmat(ca.DM(rows), 1, len(sizes) + len(width))
+    jacobian = ca.horzcat(Gy * ca.repmat(ca.DM(sizes).T, len(rows), 1), Gu) / ca.repmat(
+        ca.DM(rows), 1, len(sizes) + len(width)
+    )
     return x, _Block(start / sizes, G, jacobian, x[len(start) - 1])

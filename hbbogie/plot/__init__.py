@@ -5,18 +5,21 @@ The only module that imports matplotlib. The style is set for the figures made h
 
 from hbbogie.plot.appearance import figure_of, one_legend, panels, save, style
 from hbbogie.plot.branches import branch, frequency, multipliers, multipliers_along
+from hbbogie.plot.design import gains, scatter
 from hbbogie.plot.orbits import orbit, spectrum, time_history, waveform
 
 __all__ = [
     "branch",
     "figure_of",
     "frequency",
+    "gains",
     "multipliers",
     "multipliers_along",
     "one_legend",
     "orbit",
     "panels",
     "save",
+    "scatter",
     "spectrum",
     "style",
     "time_history",
