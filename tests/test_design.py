@@ -341,26 +341,35 @@ def test_starts_agree_and_failures_do_not_end_the_batch(bogie):
     assert all(s.status for s in found.starts)
 
 
+OWN = """'''Mine.'''
+from scipy import stats
+from hbbogie import load_problem
+from hbbogie.criteria import DampingRatio, Limit
+from hbbogie.robust import Uncertainty
+
+def mine(**values):
+    return load_problem("bautin").bautin(**{"a": 5.0, **values})
+
+def design(system):
+    return {"over": {"a": (4.0, 6.0)}, "subject_to": [Limit(DampingRatio(at=-3.0), lower=0.2)]}
+
+SYSTEM, PARAMETER, RANGE, SERVICE = mine, "mu", (-9.5, 0.5), -4.5
+UNCERTAIN = Uncertainty({"a": stats.norm(1, 0.05)})
+"""
+
+
 def test_command(tmp_path):
     """A user's file, from the command line: tables, both branches, a figure."""
-    (tmp_path / "mine.py").write_text(
-        '"""Mine."""\n'
-        "from scipy import stats\nfrom hbbogie import load_problem\nfrom hbbogie.criteria import *\n"
-        "from hbbogie.robust import Uncertainty\n"
-        "SYSTEM, PARAMETER, RANGE, SERVICE = load_problem('bautin').bautin, 'mu', (-0.9, 0.5), -0.2\n"
-        "UNCERTAIN = Uncertainty({'a': stats.norm(1, 0.05)})\n"
-        "def design(system):\n"
-        "    return {'over': {'a': (0.5, 2.0)}, 'subject_to': [Limit(DampingRatio(at=-0.3), lower=0.2)]}\n"
-    )
+    (tmp_path / "mine.py").write_text(OWN)
     files = tmp_path / "files"
     arguments = ["design", str(tmp_path / "mine.py"), "--samples", "5", "--output", str(files), "--json"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
-    assert told["data"]["value"] == pytest.approx(-0.0625, rel=1e-8)
-    checks = next(t for t in told["tables"] if t["name"] == "checks")
-    assert checks["rows"][0][2] == pytest.approx(-0.0625, rel=1e-8)
-    assert "dies out" in checks["rows"][2][1] and "settles on a cycle" in checks["rows"][3][1]
+    assert told["data"]["value"] == pytest.approx(-4.0, rel=1e-8)
+    checks = next(t for t in told["tables"] if t["name"] == "checks")["rows"]
+    assert checks[0][2] == pytest.approx(-4.0, rel=1e-8)
+    assert checks[-2][1] == "dies out" and "settles on a cycle" in checks[-1][1]
     assert {"bifurcation.png", "before.nc", "after.nc", "design.csv", "active.csv"} <= {f.name for f in files.iterdir()}
     result = CliRunner().invoke(app, ["design", "bautin", "--output", str(files)])
     assert result.exit_code == 2 and "has no design" in result.stderr
