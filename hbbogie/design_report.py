@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.continuation import trace
 from hbbogie.criteria import CriticalValue, Expression
@@ -19,7 +20,7 @@ from hbbogie.guesses import hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.report import Report
 from hbbogie.results import Branch
-from hbbogie.robust import MonteCarlo, RobustValue, Uncertainty, monte_carlo, predicted_below, spreads
+from hbbogie.robust import MonteCarlo, RobustValue, Uncertainty, monte_carlo, predicted, predicted_below, spreads
 from hbbogie.settling import settle
 from hbbogie.single_level import single_level
 from hbbogie.system import System
@@ -28,6 +29,7 @@ from hbbogie.tables import Table, label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Array = NDArray[np.float64]
 OFF = 0.01  # share below and above the critical value at which motions are integrated
 FASTER = 0.1  # share above it where the cycle lives from which these motions start
 FINER = 31  # highest harmonic of the independent tracing
@@ -100,7 +102,8 @@ def design_of(
         service = getattr(module, "SERVICE", None)
         drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in _both(design)}
         tables.append(robust_table(design, uncertain, drawn, service))
-        figures["scatter"] = partial(_scatter, drawn, service, label(f"critical {name}", unit))
+        smooth = {k: predicted(spreads(p, uncertain)) for k, p in _both(design)}
+        figures["scatter"] = partial(_scatter, drawn, smooth, service, label(f"critical {name}", unit))
     saved = {k: b for k, b in branches.items() if b is not None}
     return Report(f"{system.name}: design for a higher critical {name}", tuple(tables), saved, figures, notes, data)
 
@@ -279,7 +282,7 @@ def _branch(point: DesignPoint, progress: Progress, when: str) -> Branch | None:
     """Return the branch with the smallest critical value, judged; None where there is none."""
     for hopf in hopf_points(point.system, point.parameter, point.interval):
         try:
-            branch = trace(point.equations, hopf, point.parameter, point.interval, families=False)
+            branch = trace(point.equations, hopf, point.parameter, point.interval, longest=0.15, families=False)
         except ConvergenceError:
             continue
         return judged(point.system, branch, progress, f"stability {when}")
@@ -322,8 +325,8 @@ def _gains(design: Design) -> Figure:
     return plot.figure_of(plot.gains(names, values, unit=design.objective.unit))
 
 
-def _scatter(drawn: dict[str, MonteCarlo], service: float | None, across: str) -> Figure:
+def _scatter(drawn: dict[str, MonteCarlo], smooth: dict[str, Array], service: float | None, across: str) -> Figure:
     from hbbogie import plot
 
     samples = {k: m.values for k, m in drawn.items()}
-    return plot.figure_of(plot.scatter(samples, service=service, parameter_label=across))
+    return plot.figure_of(plot.scatter(samples, predictions=smooth, service=service, parameter_label=across))

@@ -291,6 +291,18 @@ def monte_carlo(
     return MonteCarlo(factors, values)
 
 
+def predicted(found: list[Spread], count: int = 100_000, seed: int = 0) -> Array:
+    """Return the smallest of all quadratic approximations at random factors, shape (count,).
+
+    Parameters
+    ----------
+    found : list of Spread
+    count, seed : int
+    """
+    factors = found[0].uncertainty.sample(count, np.random.default_rng(seed))
+    return np.asarray(np.min([f.predict(factors) for f in found], axis=0))
+
+
 def predicted_below(found: list[Spread], value: float, count: int = 100_000, seed: int = 0) -> tuple[float, float]:
     """Return the probability that the smallest critical value lies below a value, to first and second order.
 
@@ -310,5 +322,4 @@ def predicted_below(found: list[Spread], value: float, count: int = 100_000, see
     first = max(
         float(stats.norm.cdf((value - m) / s)) if s else float(m < value) for m, s in (f.first_order for f in found)
     )
-    factors = found[0].uncertainty.sample(count, np.random.default_rng(seed))
-    return first, float((np.min([f.predict(factors) for f in found], axis=0) < value).mean())
+    return first, float((predicted(found, count, seed) < value).mean())

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from hbbogie.errors import ModelError
-from hbbogie.plot.appearance import COLOURS, INK, axes, legend, styled
+from hbbogie.plot.appearance import COLOURS, INK, axes, styled
 
 
 @styled
@@ -50,6 +50,7 @@ def gains(names: Sequence[str], values: ArrayLike, ax: Axes | None = None, unit:
 def scatter(
     samples: Mapping[str, ArrayLike],
     ax: Axes | None = None,
+    predictions: Mapping[str, ArrayLike] | None = None,
     service: float | None = None,
     parameter_label: str = "critical value",
 ) -> Axes:
@@ -60,6 +61,8 @@ def scatter(
     samples : mapping from label to array_like, shape (count,), unit of the parameter
         NaN are left out.
     ax : Axes
+    predictions : mapping from label to array_like, shape (any,), unit of the parameter
+        Many predicted values, drawn dashed.
     service : float, unit of the parameter
         A value to mark, such as a service speed.
     parameter_label : str
@@ -77,9 +80,14 @@ def scatter(
     for i, (label, values) in enumerate(known.items()):
         share = np.arange(1, len(values) + 1) / len(values)
         ax.step(values, share, where="post", color=COLOURS[i % len(COLOURS)], label=label)
+        if predictions and label in predictions:
+            levels = np.linspace(0.001, 0.999, 400)
+            ax.plot(np.quantile(predictions[label], levels), levels, "--", lw=1.1, color=INK, label="second order")
     if service is not None:
         ax.axvline(service, color=INK, lw=1.0, ls=(0, (1, 1.6)), label=f"service {service:g}")
     ax.set_ylim(0, 1)
     ax.set_xlabel(parameter_label)
     ax.set_ylabel("share of the designs below [1]")
-    return legend(ax)
+    handles = dict(zip(*ax.get_legend_handles_labels()[::-1], strict=True))  # each label once
+    ax.legend(handles.values(), handles.keys(), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
+    return ax
