@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import casadi as ca
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.design_point import DesignPoint, Row, critical_rows, stable_cycle
+from hbbogie.eigenvalues import Eigenvalues
 from hbbogie.equations import Equations
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.guesses import Linearisation
@@ -143,51 +145,30 @@ class DampingRatio:
         """Return the rows, by growing frequency."""
         system = point.system
         line = Linearisation(system, point.parameter)
-        x = np.append(line.equilibrium(self.at), np.zeros(system.n_states - system.n))
-        values, slopes = eigenvalue_slopes(system, x, line.parameters(self.at))
+        found = Eigenvalues(system, line.equilibrium(self.at), line.parameters(self.at))
+        values = found.values
         modes = [i for i in np.argsort(np.abs(values)) if values[i].imag > 1e-9 * np.abs(values).max()]
         rows = []
         for k, i in enumerate(modes):
-            size = abs(values[i])
-            growth = (slopes[i].real - values[i].real * (values[i].conj() * slopes[i]).real / size**2) / size
-            growth[line.place] = 0.0
-            rows.append(Row(f"{self.name}, mode {k + 1}", float(-values[i].real / size), -growth))
+            gradient = _damping_slopes(values[i], found.slopes[i])
+            gradient[line.place] = 0.0
+            second = None if found.moving else partial(_damping_hessian, found, i)
+            rows.append(Row(f"{self.name}, mode {k + 1}", float(-values[i].real / abs(values[i])), gradient, second))
         return rows
 
 
-def eigenvalue_slopes(system: System, x: Array, p: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return the eigenvalues of the linearisation at an equilibrium and their derivatives in all parameters.
-
-    Parameters
-    ----------
-    system : System
-    x : ndarray, shape (n_states,)
-        The equilibrium; it moves with the parameters.
-    p : ndarray, shape (number of parameters,)
-
-    Returns
-    -------
-    eigenvalues : ndarray, shape (n_states,), 1/s
-    slopes : ndarray, shape (n_states, number of parameters)
-    """
-    N = system.n_states
-    f = system.once("state matrix slopes", lambda: _state_matrix_slopes(system))
-    A_p, A_x, K, r_p = (m.full() for m in f(x, p))
-    if np.any(r_p):
-        A_p = A_p - A_x @ np.linalg.solve(K, r_p)
-    values, V = np.linalg.eig(system.ode_jacobian(x, p).full())
-    W = np.linalg.inv(V)
-    slopes = np.einsum("ia,abk,bi->ik", W, A_p.reshape(N, N, -1, order="F"), V)
-    return values.astype(complex), slopes.astype(complex)
+def _damping_slopes(value: complex, slopes: NDArray[np.complex128]) -> Array:
+    """Return the derivatives of -cos(arg value) = -Re(value) / abs(value), by those of ln(value)."""
+    angle = np.angle(value)
+    return np.asarray(np.sin(angle) * (slopes / value).imag)
 
 
-def _state_matrix_slopes(system: System) -> ca.Function:
-    """Return (x, p) -> derivatives of the state matrix in p and q, and of the residual at rest in q and p."""
-    x, p = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
-    A = ca.vec(ca.densify(system.ode_jacobian(x, p)))
-    r = system.residual(x[: system.n], 0, 0, p)
-    out = [ca.jacobian(A, p), ca.jacobian(A, x)[:, : system.n], ca.jacobian(r, x)[:, : system.n], ca.jacobian(r, p)]
-    return ca.Function("state_matrix_slopes", [x, p], [ca.densify(m) for m in out])
+def _damping_hessian(found: Eigenvalues, i: int, names: Sequence[str]) -> Array:
+    places = [found.system.parameter_names.index(n) for n in names]
+    value, slopes = found.values[i], found.slopes[i][places] / found.values[i]
+    turn, angle = slopes.imag, np.angle(value)
+    turned = (found.hessian(i, places) / value - np.outer(slopes, slopes)).imag
+    return np.asarray(np.cos(angle) * np.outer(turn, turn) + np.sin(angle) * turned)
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,7 @@ class Design:
         Share of each row of the objective in the optimum, adding up to 1: two or more where several critical values
         are equally low.
     active : tuple of Active
-        What holds the optimum.
+        What holds the optimum; nothing where limits are not kept, for multipliers then have no meaning.
     limits : tuple of (name, unit, lower, upper, before, after)
         Every row of every limit; NaN where a row does not exist.
     feasible : bool
@@ -224,7 +224,7 @@ def optimise(
 def _design(task: Task, before: DesignPoint, best: Minimum[DesignPoint], starts: tuple[Start, ...]) -> Design:
     after, system = best.sample.point, task.system
     terms = {term.name: term for term in task.limit_terms(after)}
-    active = []
+    active, feasible = [], best.sample.violation <= FEASIBLE
     for name, weight in best.weights.items():
         if name in terms:
             t = terms[name]
@@ -244,9 +244,9 @@ def _design(task: Task, before: DesignPoint, best: Minimum[DesignPoint], starts:
         value_before=first,
         value=last,
         weights={n: w for n, w in best.weights.items() if n in best.sample.f},
-        active=tuple(active),
+        active=tuple(active) if feasible else (),
         limits=_limits(task.limits, before, after),
-        feasible=best.sample.violation <= FEASIBLE,
+        feasible=feasible,
         residual=best.residual,
         converged=best.converged,
         status=best.status,

@@ -143,6 +143,9 @@ def minimise_largest(
         residual = float(np.abs(_projected(here, step, x)).max())
         if residual <= tolerance and here.violation <= tolerance:
             return _minimum(here, step, x, residual, True, f"converged in {len(history)} iterations", history)
+        if residual <= tolerance and penalty >= HIGHEST:
+            status = f"ended after {len(history)} iterations"
+            break
         expected = here.largest + penalty * here.violation - step.model
         there = _tried(evaluate, x + step.d, here.point)
         gain = -np.inf if there is None else here.largest - there.largest + penalty * (here.violation - there.violation)
@@ -169,6 +172,9 @@ def minimise_largest(
         rest = _updated(rest, here, there, step)
         x, here = np.clip(x + step.d, 0.0, 1.0), there
         B = _known(here, {i: w for i, w in step.weights.items() if i in here.slopes}, x) + rest
+    if here.violation > tolerance:
+        worst = max(here.c, key=lambda name: here.c[name])
+        status += f"; the constraints could not be reconciled: {worst} is violated by {here.c[worst]:.2g} of its size"
     step = _step(here, B, x, SHORTEST, penalty)
     residual = float(np.abs(_projected(here, step, x)).max())
     return _minimum(here, step, x, residual, False, status, history)

@@ -17,7 +17,7 @@ FLOORS = {
     "methods": 4, "solvers": 4,
     "guesses": 5, "verification": 5,
     "continuation": 6, "cycles": 6,
-    "minimax": 4, "curvature": 7, "design_point": 7, "criteria": 7, "design_task": 7, "design": 7,
+    "minimax": 4, "eigenvalues": 3, "curvature": 7, "design_point": 7, "criteria": 7, "design_task": 7, "design": 7,
     "single_level": 7, "robust": 7,
     "design_report": 7, "cli_design": 8,
     "critical": 7, "critical_report": 7, "identification": 6, "misfit": 6,

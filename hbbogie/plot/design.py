@@ -82,7 +82,14 @@ def scatter(
         ax.step(values, share, where="post", color=COLOURS[i % len(COLOURS)], label=label)
         if predictions and label in predictions:
             levels = np.linspace(0.001, 0.999, 400)
-            ax.plot(np.quantile(predictions[label], levels), levels, "--", lw=1.1, color=INK, label="second order")
+            ax.plot(
+                np.quantile(np.asarray(predictions[label], dtype=float), levels),
+                levels,
+                "--",
+                lw=1.1,
+                color=INK,
+                label="second order",
+            )
     if service is not None:
         ax.axvline(service, color=INK, lw=1.0, ls=(0, (1, 1.6)), label=f"service {service:g}")
     ax.set_ylim(0, 1)
