@@ -22,8 +22,10 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 ACCEPTED, GOOD = 0.05, 0.7  # share of the predicted improvement from which a step is taken, and the next may be longer
 ROUND_OFF = 1e-13  # relative improvement that cannot be measured
+STATIONARY = 1e-6  # share of the violations whose removal would count
 LONGEST, SHORTEST = 0.5, 1e-9  # radius of the trust region
-PENALTY, HIGHEST = 10.0, 1e6  # weight of violated constraints: first and last
+PENALTY, HIGHEST = 1.0, 1e6  # weight of violated constraints: first and last
+LEAST, AMPLE = 0.1, 10.0  # the weight: at least so much, and so many times the largest multiplier
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +139,18 @@ def minimise_largest(
     for _ in range(iterations):
         history.append((here.largest, here.violation, radius))
         step = _step(here, B, x, radius, penalty)
-        while step.slack > 1e-12 and here.violation > 0 and penalty < HIGHEST and step.slack > 0.9 * here.violation:
-            penalty *= 10  # the constraints are not yet worth their while
-            step = _step(here, B, x, radius, penalty)
+        if step.slack > 1e-12:
+            # the weight is right when a step removes half of what can be removed within the region
+            least = _step(here, B, x, radius, HIGHEST).slack
+            if here.violation > tolerance and here.violation - least <= STATIONARY * here.violation:
+                status = f"ended after {len(history)} iterations"
+                break
+            while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
+                penalty *= 10
+                step = _step(here, B, x, radius, penalty)
         residual = float(np.abs(_projected(here, step, x)).max())
         if residual <= tolerance and here.violation <= tolerance:
             return _minimum(here, step, x, residual, True, f"converged in {len(history)} iterations", history)
-        if residual <= tolerance and penalty >= HIGHEST:
-            status = f"ended after {len(history)} iterations"
-            break
         expected = here.largest + penalty * here.violation - step.model
         there = _tried(evaluate, x + step.d, here.point)
         gain = -np.inf if there is None else here.largest - there.largest + penalty * (here.violation - there.violation)
@@ -171,6 +176,8 @@ def minimise_largest(
             radius = max(length / 2, SHORTEST)
         rest = _updated(rest, here, there, step)
         x, here = np.clip(x + step.d, 0.0, 1.0), there
+        largest = max((w for i, w in step.weights.items() if i in here.c), default=0.0)
+        penalty = min(penalty, max(AMPLE * largest, LEAST))  # too dear, and no step may follow a curved constraint
         B = _known(here, {i: w for i, w in step.weights.items() if i in here.slopes}, x) + rest
     if here.violation > tolerance:
         worst = max(here.c, key=lambda name: here.c[name])
