@@ -11,7 +11,7 @@ from hbbogie.criteria import Limit, Quantity
 from hbbogie.design_point import DesignPoint
 from hbbogie.design_task import Progress, Task
 from hbbogie.errors import ConvergenceError
-from hbbogie.minimax import Minimum
+from hbbogie.minimax import FAILURES, Minimum
 from hbbogie.system import System
 
 FEASIBLE = 1e-6  # sum of the relative violations up to which a design counts as keeping its limits
@@ -209,7 +209,7 @@ def optimise(
             found.append(best)
             feasible = best.sample.violation <= FEASIBLE
             told.append(Start(task.values(x), task.sign * task.size * best.sample.largest, feasible, best.status))
-        except ConvergenceError as error:
+        except FAILURES as error:
             if starts == 1:
                 raise
             found.append(None)

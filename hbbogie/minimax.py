@@ -20,6 +20,7 @@ from hbbogie.errors import ConvergenceError
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's among the first
 ACCEPTED, GOOD = 0.05, 0.7  # share of the predicted improvement from which a step is taken, and the next may be longer
 ROUND_OFF = 1e-13  # relative improvement that cannot be measured
 STATIONARY = 1e-6  # share of the violations whose removal would count
@@ -107,8 +108,8 @@ def minimise_largest(
     Parameters
     ----------
     evaluate : callable
-        (x, what was kept at a point near by) -> Sample; raises `ConvergenceError` where it cannot, which shortens
-        the step.
+        (x, what was kept at a point near by) -> Sample; raises `ConvergenceError` or another error of the numerics
+        where it cannot, which shortens the step.
     x : ndarray, shape (n,)
         Where the search begins.
     near : object, optional
@@ -190,7 +191,7 @@ def minimise_largest(
 def _tried(evaluate: Callable[[Array, T | None], Sample[T]], x: Array, near: T) -> Sample[T] | None:
     try:
         return evaluate(np.clip(x, 0.0, 1.0), near)
-    except ConvergenceError:
+    except FAILURES:
         return None
 
 
@@ -329,5 +330,5 @@ def _minimum(
 ) -> Minimum[T]:
     g = _lagrangian(here, step.weights)
     g = np.zeros(len(x)) if g is None else g
-    at_bound = (x <= 1e-9) | (x >= 1 - 1e-9)
+    at_bound = ((x <= 1e-9) | (x >= 1 - 1e-9)) & (np.abs(g) > 1e-8)
     return Minimum(x, here, step.weights, np.where(at_bound, -g, 0.0), residual, converged, status, history)

@@ -12,6 +12,7 @@ from scipy import stats
 
 from hbbogie.design_point import DesignPoint, Row, critical_rows, design_point
 from hbbogie.errors import ConvergenceError, ModelError
+from hbbogie.minimax import FAILURES
 from hbbogie.system import System
 
 Array = NDArray[np.float64]
@@ -286,8 +287,8 @@ def monte_carlo(
             values[i] = design_point(changed, point.parameter, point.interval, H, point).value
         except ConvergenceError as error:
             values[i] = error.statistics.get("below", np.nan)
-        except ModelError:
-            continue  # a factor beyond the bounds of its parameter
+        except (ModelError, *FAILURES):
+            continue  # a factor beyond the bounds of its parameter, or a failure of the numerics
     return MonteCarlo(factors, values)
 
 

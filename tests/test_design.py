@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 
+import matplotlib
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import hbbogie as hb
+from hbbogie import plot
 from hbbogie.cli import app
 from hbbogie.criteria import CriticalValue, DampingRatio, Expression, Limit, Peak, cost_of_change
 from hbbogie.critical import hopf_gradient
 from hbbogie.curvature import critical_hessian
-from hbbogie.design_point import design_point
+from hbbogie.design_point import DesignPoint, design_point
 from hbbogie.minimax import Sample, minimise_largest
 from hbbogie.single_level import single_level
 
+matplotlib.use("Agg")
 RANGE = (60.0, 190.0)
 MASSES, DAMPINGS = ("Mw", "Mf", "Iwy", "Ify", "Ifr"), ("D1", "D2")
 FORCES = (*MASSES, *DAMPINGS, "K0", "K1", "K2", "K3", "K4", "K5", "K6", "f11", "f22", "f23", "f33")
@@ -228,6 +231,30 @@ def test_gradients_against_differences(bogie, point, rows, name):
             assert abs(error) <= 1e-6 * max(largest, abs(row.value)), row.name
 
 
+def test_second_derivatives_of_damping_ratios(bogie, point, rows):
+    """ORDER: central differences of the gradients, in logarithms of the parameters."""
+    names, h = ["K2", "lam", "D2"], 1e-4
+    p, places = np.array([bogie.values[n] for n in names]), [bogie.parameter_names.index(n) for n in names]
+    sides = []
+    for sign in (1, -1):
+        changed = design_point(bogie.with_parameters(lam=bogie.values["lam"] * (1 + sign * h)), "V", RANGE, near=point)
+        sides.append([row.gradient[places] for row in DampingRatio(at=60.0).rows(changed)])
+    for row, a, b in zip(rows[2], *sides, strict=True):
+        exact = row.hessian(names)[1] * p[1] * p
+        np.testing.assert_allclose((a - b) / (2 * h) * p, exact, atol=1e-6)
+
+
+def test_damping_ratio_where_the_equilibrium_moves():
+    """Brusselator: the eigenvalues have the trace b - 1 - A^2 and the determinant A^2."""
+    x, y = hb.Coordinate("x"), hb.Coordinate("y")
+    b, A = hb.Parameter("b", 1.8), hb.Parameter("A", 1.2)
+    system = hb.System("Brusselator", [x, y], [b, A], [x.dot - A + (b + 1) * x - x**2 * y, y.dot - b * x + x**2 * y])
+    point = DesignPoint(system, hb.HarmonicBalance(3).equations(system), "b", (1.5, 4.0), ())
+    (row,) = DampingRatio(at=1.8).rows(point)
+    assert row.value == pytest.approx((1 + 1.2**2 - 1.8) / (2 * 1.2), rel=1e-9)
+    assert row.gradient[1] == pytest.approx((1 - (1 - 1.8) / 1.2**2) / 2, rel=1e-7) and row.hessian is None
+
+
 @pytest.mark.parametrize("kind", ["fold", "hopf"])
 class TestExactHessian:
     """Of a critical value in logarithms of the parameters."""
@@ -371,5 +398,9 @@ def test_command(tmp_path):
     assert checks[0][2] == pytest.approx(-4.0, rel=1e-8)
     assert checks[-2][1] == "dies out" and "settles on a cycle" in checks[-1][1]
     assert {"bifurcation.png", "before.nc", "after.nc", "design.csv", "active.csv"} <= {f.name for f in files.iterdir()}
+    with pytest.raises(hb.ModelError, match="one value for each name"):
+        plot.gains(["a"], [1.0, 2.0])
+    with pytest.raises(hb.ModelError, match="nothing to draw"):
+        plot.scatter({"after": [np.nan]})
     result = CliRunner().invoke(app, ["design", "bautin", "--output", str(files)])
     assert result.exit_code == 2 and "has no design" in result.stderr
