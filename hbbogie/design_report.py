@@ -204,6 +204,11 @@ def robust_table(design: Design, uncertain: Uncertainty, drawn: dict[str, MonteC
         rows.append((when, f"second order, {low.name}", *low.second_order, below[1], None, None))
         known = drawn[when].known
         if len(known) > 1:
+            same = np.min([s.predict(drawn[when].factors[~np.isnan(drawn[when].values)]) for s in found], axis=0)
+            under = float((same < service).mean()) if service is not None else None
+            rows.append(
+                (when, "second order, random designs", float(same.mean()), float(same.std(ddof=1)), under, None, None)
+            )
             share = drawn[when].probability_below(service) if service is not None else (None,) * 3
             text = f"Monte Carlo, {len(known)} designs"
             rows.append((when, text, float(known.mean()), float(known.std(ddof=1)), *share))

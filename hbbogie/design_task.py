@@ -141,9 +141,19 @@ class Task:
             return np.zeros((len(self.names), len(self.names)))
 
     def objective_terms(self, point: DesignPoint) -> list[Term]:
-        """Return the terms whose largest is minimised."""
-        unit = self.objective.unit
-        return [Term(row.name, row, 0.0, self.sign, self.size, unit) for row in self.objective.rows(point)]
+        """Return the terms whose largest is minimised.
+
+        Raises
+        ------
+        ConvergenceError
+            When the objective has no row here, such as the peak of a cycle that does not exist.
+        """
+        unit, rows = self.objective.unit, self.objective.rows(point)
+        if not rows:
+            raise ConvergenceError(
+                f"the {self.objective.name} has no value where {self.parameter} = {point.value:g} is critical."
+            )
+        return [Term(row.name, row, 0.0, self.sign, self.size, unit) for row in rows]
 
     def limit_terms(self, point: DesignPoint) -> list[Term]:
         """Return the terms that have to be 0 or less: one for each side of every limit that has a row here."""

@@ -144,7 +144,7 @@ def minimise_largest(
             # the weight is right when a step removes half of what can be removed within the region
             least = _step(here, B, x, radius, HIGHEST).slack
             if here.violation > tolerance and here.violation - least <= STATIONARY * here.violation:
-                status = f"ended after {len(history)} iterations"
+                status = f"ended after {len(history)} iterations: near by the constraints contradict each other"
                 break
             while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
                 penalty *= 10
@@ -182,7 +182,7 @@ def minimise_largest(
         B = _known(here, {i: w for i, w in step.weights.items() if i in here.slopes}, x) + rest
     if here.violation > tolerance:
         worst = max(here.c, key=lambda name: here.c[name])
-        status += f"; the constraints could not be reconciled: {worst} is violated by {here.c[worst]:.2g} of its size"
+        status += f"; {worst}, is violated by {here.c[worst]:.2g} of its size"
     step = _step(here, B, x, SHORTEST, penalty)
     residual = float(np.abs(_projected(here, step, x)).max())
     return _minimum(here, step, x, residual, False, status, history)

@@ -94,6 +94,7 @@ def test_contradicting_constraints_are_said():
 
     found = minimise_largest(evaluate, np.array([0.5, 0.5]))
     assert not found.converged and found.sample.violation == pytest.approx(0.5, abs=1e-9)
+    assert "contradict each other; c, is violated by 0.5" in found.status
 
 
 # --- closed forms -----------------------------------------------------------------------------
@@ -152,6 +153,13 @@ def test_least_change_for_a_required_value():
     # d cost / d value = (200 ln(a / 1.5) / a) / (-a / 2), lowered by relaxing the limit
     (limit,) = found.active
     assert limit.multiplier == pytest.approx(-200 * np.log(0.8 / 1.5) / 0.8 / 0.4, rel=1e-4)
+
+
+def test_an_objective_without_value_is_said():
+    """Below the fold there is no cycle, and none whose peak could be lowered."""
+    system = hb.load_problem("bautin").bautin(a=1.0)
+    with pytest.raises(hb.ConvergenceError, match=r"peak of x at -0\.5 has no value"):
+        hb.optimise(system, raise_="mu", over={"a": (0.5, 1.2)}, interval=(-0.9, 0.5), minimise=Peak("x", at=-0.5))
 
 
 def test_wrong_input():
