@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import matplotlib
 
@@ -19,6 +20,7 @@ from hbbogie import plot
 from hbbogie.comparison_report import comparison_of
 from hbbogie.design_report import design_of
 from hbbogie.report import Report, figures_of_paper, identification, study
+from hbbogie.time_domain import basin_of, ramp_of
 
 IMAGES = Path(__file__).parent / "images"
 COLOURS = 256  # of the palette: a third of the size, and no difference to be seen
@@ -75,6 +77,51 @@ def bogie_basin() -> Figure:
     return figure
 
 
+def bogie_chart() -> Figure:
+    """Draw the critical speeds of the bogie over the conicity, and the width of the region of coexistence."""
+    bogie = hb.load_problem("yang1995").bogie()
+    found = hb.chart(bogie, "V", "lam", (0.02, 0.3))
+    figure, ((top,), (bottom,)) = plot.panels(2, 1, (6.6, 6.4))
+    plot.chart(found, top).set_xlabel("")
+    plot.coexistence_width(found, bottom)
+    return figure
+
+
+def bogie_cusps() -> Figure:
+    """Draw the folds of the bogie over the distance of the contact points, which meet in two cusps."""
+    bogie = hb.load_problem("yang1995").bogie()
+    ax = plot.chart(hb.chart(bogie, "V", "a", (0.385, 0.425), span=(80.0, 140.0), longest=0.05))
+    ax.set_ylim(100.6, 103.6)
+    return plot.figure_of(ax)
+
+
+def attraction() -> Figure:
+    """Draw the disturbances of both cycles of the bogie at 90 m/s after each period, and Floquet's law."""
+    bogie = hb.load_problem("yang1995").bogie()
+    figure, ((ax,),) = plot.panels(1, 1)
+    with plot.style():
+        for cycle, colour in zip(hb.find_cycles(bogie, V=90.0), ("#D55E00", "#0072B2"), strict=True):
+            found = hb.measure_attraction(bogie, cycle)
+            k = np.arange(len(found.shares))
+            verdict, size = cycle.stability.verdict, abs(found.predicted)
+            ax.semilogy(k, np.abs(found.shares), "o", color=colour, label=f"{verdict} cycle, simulated")
+            ax.semilogy(k, size**k, "-", lw=1.2, color=colour, label=f"multiplier {size:.4f} per period")
+        ax.set_xlabel("periods [1]")
+        ax.set_ylabel("disturbance along the critical mode [1]")
+        ax.legend()
+    return figure
+
+
+def basin_report(module: ModuleType, system: hb.System) -> Report:
+    """Return the scan along the shape of the unstable cycle."""
+    return basin_of(module, system, speeds=41, amplitudes=60)[0]
+
+
+def released_report(module: ModuleType, system: hb.System) -> Report:
+    """Return the scan of both wheelsets released from the same displacement."""
+    return basin_of(module, system, along={"q1": 1.0, "q3": 1.0}, speeds=41, amplitudes=60)[0]
+
+
 def save(figure: Figure, name: str) -> None:
     """Write a figure as a PNG with a palette."""
     path = plot.save(figure, IMAGES / f"{name}.png")
@@ -87,7 +134,8 @@ def save(figure: Figure, name: str) -> None:
 def main(wanted: list[str]) -> None:
     """Draw the figures whose names are given, or all."""
     IMAGES.mkdir(exist_ok=True)
-    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin]
+    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin, bogie_chart, bogie_cusps]
+    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin, attraction]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)
@@ -97,13 +145,17 @@ def main(wanted: list[str]) -> None:
         (figures_of_paper, tuple(f"figure_{n}" for n in range(2, 7))),
         (comparison_of, ("comparison",)),
         (identification, ("misfit",)),
+        (basin_report, ("basin",)),
+        (released_report, ("released",)),
+        (ramp_of, ("ramp", "ramp_delays")),
     )
     for job, names in jobs:
         chosen = [n for n in names if not wanted or f"yang1995_{n}" in wanted]
         if chosen:
             figures = job(module, module.bogie()).figures
             for name in chosen:
-                save(figures[name](), f"yang1995_{name}")
+                own_name = "basin" if name == "released" else name
+                save(figures[own_name](), f"yang1995_{name}")
     chosen = [n for n in ("bifurcation", "scatter") if not wanted or f"design_{n}" in wanted]
     if chosen:
         redesigned = hb.load_problem("yang1995_design")

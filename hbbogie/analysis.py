@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from hbbogie.elements import AttachedLaw, Element
     from hbbogie.system import Coordinate, Parameter, System
 
+SMALLEST_SPREAD = 1e-100  # of a jump, in the unit of the argument: none where the argument rests
+
 
 def check_names(
     coordinates: Sequence[Coordinate], parameters: Sequence[Parameter], elements: Sequence[Element]
@@ -187,8 +189,8 @@ class Parts:
     Attributes
     ----------
     mass, damping, stiffness : casadi.Function, p -> (n, n)
-    remainder : casadi.Function, (q, v, a, p) -> (n,)
-        All that is nonlinear or constant, without the contact elements.
+    remainder : casadi.Function, (q, v, a, p, dt) -> (n,)
+        All that is nonlinear or constant, without the contact elements; jumps are spread over the time dt [s].
     remainder_rows : tuple of int
         Equations in which the remainder is not zero.
     contacts : tuple of AttachedLaw
@@ -216,25 +218,31 @@ def split(system: System, contact: bool, *, every_law: bool = False) -> Parts:
     ----------
     system : System
     contact : bool
-        Whether piecewise-linear elements are kept apart as contacts; otherwise they go to the remainder.
+        Whether continuous piecewise-linear elements are kept apart as contacts; otherwise they go to the remainder.
     every_law : bool
         Whether all elements are kept apart, whatever their law.
     """
     n = system.n
     q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
-    qva = ca.vertcat(q, v, a)
+    qva, dt = ca.vertcat(q, v, a), ca.SX.sym("dt")
     f = ca.SX.sym("f", len(system.elements))
     r_f = system.residual_with_forces(q, v, a, f, p)
     B = ca.jacobian(r_f, f)
     exact = [
         i
         for i, e in enumerate(system.elements)
-        if (every_law or (contact and e.ramps is not None)) and not ca.depends_on(B[:, i], ca.vertcat(qva, f))
+        if (every_law or (contact and e.ramps is not None and e.heights is None))
+        and not ca.depends_on(B[:, i], ca.vertcat(qva, f))
     ]
     forces = [ca.SX(0) if i in exact else e.force(e.argument(q, v, p), p) for i, e in enumerate(system.elements)]
     r = ca.substitute(r_f, f, ca.vertcat(*forces)) if forces else r_f
     without = ca.Function("r", [q, v, a, p], [r])
     M, D, K = linear_matrices(without)
+    jumping = [i for i, e in enumerate(system.elements) if e.heights is not None and i not in exact]
+    if jumping:  # else the derivatives would not see the jumps
+        for i in jumping:
+            forces[i] = _spread(system.elements[i], q, v, a, p, dt)
+        r = ca.substitute(r_f, f, ca.vertcat(*forces))
     # remainder = r - linear part; entries that are linear drop out by their sparsity, not by subtraction
     bent = [i for i, nonlinear in enumerate(ca.which_depends(r, qva, 2, False)) if nonlinear]
     rest = ca.SX.zeros(3 * n)
@@ -253,12 +261,19 @@ def split(system: System, contact: bool, *, every_law: bool = False) -> Parts:
         nonlinear |= {i % n for i, d in enumerate(ca.which_depends(u, ca.vertcat(q, v), 1, False)) if d}
     return Parts(
         M, D, K,
-        ca.Function("remainder", [q, v, a, p], [ca.densify(remainder)], list("qvap"), ["r"]),
+        ca.Function("remainder", [q, v, a, p, dt], [ca.densify(remainder)], ["q", "v", "a", "p", "dt"], ["r"]),
         rows,
         contacts,
         ca.Function("B", [p], [ca.sparsify(B[:, exact])]),
         tuple(sorted(nonlinear)),
     )  # fmt: skip
+
+
+def _spread(element: AttachedLaw, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dt: ca.SX) -> ca.SX:
+    """Return the force of an element that jumps, its jumps spread over the time dt (eq-spread)."""
+    u = element.argument(q, v, p)
+    rate = ca.jtimes(u, ca.vertcat(q, v), ca.vertcat(v, a))
+    return element.at(p).ramps().force(u, spread=ca.fmax(ca.fabs(rate) * dt, SMALLEST_SPREAD))  # type: ignore[union-attr]
 
 
 def is_odd(system: System, trials: int = 60, spread: float = 0.4) -> bool:

@@ -52,8 +52,13 @@ def measure(H: int = 15) -> list[tuple[str, float, str]]:
     hopf = add("Hopf points from 60 to 190 m/s", lambda: hopf_points(system, "V", (60.0, 190.0)))
     branch = add(
         "branch from grazing around the fold to 190 m/s",
-        lambda: trace(equations, hopf[0], "V", (60.0, 190.0)),
+        lambda: trace(equations, hopf[0], "V", (60.0, 190.0), stability=False),
         remark=lambda b: f"{len(b)} points, fold at {b.folds()[0].value:.5f} m/s",
+    )
+    add(
+        "the same with multipliers and special points",
+        lambda: trace(equations, hopf[0], "V", (60.0, 190.0)),
+        remark=lambda b: ", ".join(f"{s.kind} {s.value:.4f}" for s in b.special),
     )
     near = branch.orbits[-5]
     V = near.parameters["V"]

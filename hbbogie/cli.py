@@ -8,8 +8,10 @@ from typing import Annotated
 
 import typer
 
+from hbbogie import cli_chart as cli_chart  # adds its command
 from hbbogie import cli_design as cli_design  # adds its command
 from hbbogie import cli_methods as cli_methods  # adds its commands
+from hbbogie import cli_motion as cli_motion
 from hbbogie.commands import (
     FIGURES,
     AsJson,
@@ -62,9 +64,10 @@ def branch(
     name: Problem,
     parameter: ParameterName = None,
     interval: Interval = None,
-    harmonics: Harmonics = 15,
+    harmonics: Harmonics = None,
     stability: Annotated[
-        bool, typer.Option("--stability/--no-stability", help="Judge every cycle by its Floquet multipliers.")
+        bool,
+        typer.Option("--stability/--no-stability", help="Judge every cycle, locate bifurcations and follow them."),
     ] = True,
     output: Output = Path("out"),
     overrides: Overrides = None,
@@ -80,7 +83,9 @@ def branch(
     limits = check_interval(system, parameter, interval or own)
     report.check_directory(output)
     with progress_shown() as progress:
-        traced = curves.curves(system, parameter, limits, harmonics=harmonics, stability=stability, progress=progress)
+        traced = curves.curves(
+            system, parameter, limits, harmonics=harmonics or "auto", stability=stability, progress=progress
+        )
         found = report.report_of_curves(system, traced)
         files = found.write(output, progress)
     deliver(found, files, as_json)
@@ -89,14 +94,16 @@ def branch(
 @command(
     "hbbogie cycles yang1995 --set V=90",
     "hbbogie cycles van_der_pol --set mu=5 --harmonics 51 --json",
+    "hbbogie cycles yang1995 --hill",
 )
 def cycles(
     name: Problem,
     overrides: Overrides = None,
     parameter: ParameterName = None,
-    harmonics: Annotated[
-        int | None, typer.Option(min=1, help="Highest harmonic; as many as the error estimate asks for without.")
-    ] = None,
+    harmonics: Harmonics = None,
+    hill: Annotated[
+        bool, typer.Option("--hill", help="Put the multipliers by Hill's method beside the integrated ones.")
+    ] = False,
     output: MaybeOutput = None,
     as_json: AsJson = False,
 ) -> None:
@@ -111,9 +118,8 @@ def cycles(
         report.check_directory(output)
     with progress_shown() as progress:
         progress("looking for cycles", None)
-        found = report.report_of_cycles(
-            system, parameter, find_cycles(system, parameter=parameter, harmonics=harmonics or "auto")
-        )
+        cycles = find_cycles(system, parameter=parameter, harmonics=harmonics or "auto")
+        found = report.report_of_cycles(system, parameter, cycles, hill=hill)
         files = [] if output is None else found.write(output, progress)
     deliver(found, files, as_json)
 

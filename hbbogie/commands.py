@@ -40,7 +40,9 @@ Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Dir
 MaybeOutput = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for files; none are written without.")
 ]
-Harmonics = Annotated[int, typer.Option(min=1, help="Highest harmonic of the cycles.")]
+Harmonics = Annotated[
+    int | None, typer.Option(min=1, help="Highest harmonic; as many as the error estimate asks for without.")
+]
 Interval = Annotated[
     tuple[float, float] | None,
     typer.Option("--range", metavar="LO HI", help="Range of the parameter; by default the problem's own."),

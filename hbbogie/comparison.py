@@ -155,7 +155,7 @@ def follow(system: System, name: str, hopf: SpecialPoint, interval: tuple[float,
     equations.derivatives((system.parameter_names.index(hopf.parameter),))
     equations.derivatives(())
     built = time.perf_counter()
-    branch = trace(equations, hopf, hopf.parameter, interval)
+    branch = trace(equations, hopf, hopf.parameter, interval, stability=False)
     return Followed(name, equations, branch, built - start, time.perf_counter() - built)
 
 

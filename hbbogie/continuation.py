@@ -3,81 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
+from hbbogie.bifurcations import VERTICAL, onset, special_points
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import check_interval, first_cycle
 from hbbogie.results import Branch, Orbit, SpecialPoint
-from hbbogie.solvers import Conditions, Problem, solve
+from hbbogie.solution_curve import Curve, Point
+from hbbogie.solvers import solve
+from hbbogie.switching import first_beyond
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 FEW, MANY = 3, 6  # Newton iterations that lengthen and shorten the step
 WIDEST_TURN = 0.97  # cosine of the largest angle between successive tangents
 SHORTEST = 1e-7  # step at which the continuation gives up
-VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
-
-
-@dataclass(frozen=True)
-class _Point:
-    """A point of the curve: unknowns y, unit tangent and residual, in scaled arclength."""
-
-    y: Array
-    tangent: Array
-    residual: Array
-
-
-class _Curve:
-    """The solution curve of the equations in (z, parameter), scaled."""
-
-    def __init__(self, equations: Equations, parameter: str, width: float, p: Array, tolerance: float):
-        place = equations.system.parameter_names.index(parameter)
-        self.problem = Problem(equations, Conditions((place,)), p)
-        # a quarter of the interval counts as much as one unit of amplitude
-        self.scale = np.append(equations.scale, width / 4)
-        self.rows, self.tolerance = equations.residual_scale, tolerance
-
-    def evaluate(self, y: Array) -> tuple[Array, Array]:
-        F, J = self.problem.evaluate(y)
-        return F / self.rows, J / self.rows[:, None] * self.scale
-
-    def tangent(self, J: Array, along: Array) -> Array:
-        bordered = np.vstack([J, along])
-        t = np.linalg.solve(bordered, np.append(np.zeros(len(J)), 1.0))
-        return np.asarray(t / np.linalg.norm(t))
-
-    def first_tangent(self, J: Array) -> Array:
-        """Return the null vector of J (the one of the smallest singular value)."""
-        return np.asarray(np.linalg.svd(J)[2][-1])
-
-    def correct(self, y: Array, normal: Array) -> tuple[_Point | None, int]:
-        """Newton's method in the plane through y across ``normal``."""
-        base = y
-        for iteration in range(10):
-            F, J = self.evaluate(y)
-            plane = normal @ ((y - base) / self.scale)
-            if not np.isfinite(F).all():
-                return None, iteration
-            if np.abs(F).max() <= self.tolerance and abs(plane) <= 1e-9:
-                return _Point(y, self.tangent(J, normal), F * self.rows), iteration
-            try:
-                step = np.linalg.solve(np.vstack([J, normal]), -np.append(F, plane))
-            except np.linalg.LinAlgError:
-                return None, iteration
-            if np.abs(step).max() > 2.0:  # left the neighbourhood: another branch or nonsense
-                return None, iteration
-            y = y + self.scale * step
-        return None, 10
-
-    def step(self, point: _Point, length: float) -> tuple[_Point | None, int]:
-        return self.correct(point.y + length * self.scale * point.tangent, point.tangent)
+SHRINKING = 1e-3  # longest step that may lead beyond a bound: longer ones may have jumped over what lies before it
 
 
 PATIENCE = 20  # points at one parameter value after which a branch counts as a family
@@ -93,6 +38,7 @@ def trace(
     longest: float = 0.3,
     max_points: int = 500,
     families: bool = True,
+    stability: bool = True,
     tolerance: float = 1e-10,
     progress: Progress | None = None,
 ) -> Branch:
@@ -102,8 +48,11 @@ def trace(
     ----------
     equations : Equations
     start : Orbit or SpecialPoint
-        A cycle on or near the branch; from a Hopf point the branch is followed towards growing amplitude,
-        beginning where a gap first closes if the system is linear until then.
+        A cycle on or near the branch. From a Hopf point the branch is followed towards growing amplitude, beginning
+        where a gap first closes if the system is linear until then; from a branch point the branch that crosses;
+        from a pitchfork both asymmetric branches, through the symmetric cycle (the equations must keep even harmonics:
+        ``HarmonicBalance(H, odd=False)``); from a period doubling the cycles of twice the period (give twice
+        the harmonics: their first is half the frequency). From any other point its own branch is followed.
     parameter : str
         Name of the continuation parameter.
     interval : (float, float), unit of the parameter
@@ -116,6 +65,9 @@ def trace(
     families : bool
         Whether to go on where the parameter does not vary along the branch, as for the cycles of a
         conservative system.
+    stability : bool
+        Whether to judge every cycle by its Floquet multipliers and locate what they and the contacts show; without,
+        and in a family along which the parameter does not vary, only folds are located.
     tolerance : float
         Largest scaled residual of a point.
     progress : callable, optional
@@ -124,7 +76,8 @@ def trace(
     Returns
     -------
     Branch
-        With folds located and marked in ``special`` and the reason for each end in ``ends``.
+        With the special points located, marked in ``special`` and put among the orbits, and the reason for each end
+        in ``ends``.
 
     Raises
     ------
@@ -144,55 +97,46 @@ def trace(
         )
     if equations.phase is None:
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
-    from_hopf, orbit = False, start.orbit if isinstance(start, SpecialPoint) else start
-    if isinstance(start, SpecialPoint) and start.kind == "hopf":
-        from_hopf, orbit = True, first_cycle(equations, start)
+    origin = start.orbit if isinstance(start, SpecialPoint) else start
     p = equations.system.vector()
     place = equations.system.parameter_names.index(parameter)
-    p[place] = orbit.parameters.get(parameter, p[place])
+    p[place] = origin.parameters.get(parameter, p[place])
     if not lo <= p[place] <= hi:
         raise ModelError(
             f"trace: the start has {parameter} = {p[place]:g}, outside the interval ({lo:g}, {hi:g}); widen it."
         )
-    curve = _Curve(equations, parameter, hi - lo, p, tolerance)
-    first = _first_point(curve, orbit, equations, growing=from_hopf)
+    curve = Curve(equations, parameter, hi - lo, p, tolerance)
+    if isinstance(start, SpecialPoint) and start.onward is not None:
+        first, both = first_beyond(curve, start)
+    elif isinstance(start, SpecialPoint) and start.kind == "hopf":
+        first, both = _first_point(curve, first_cycle(equations, start), equations, growing=True), False
+    else:
+        first, both = _first_point(curve, origin, equations, growing=False), True
     walker = _Walker(curve, (lo, hi), (step, longest), max_points, families, progress)
     forward, end = walker.walk(first)
-    backward, beginning = [first], "began here, at the Hopf point"
-    if not from_hopf and end != CLOSED:
-        backward, beginning = walker.walk(_Point(first.y, -first.tangent, first.residual))
+    backward, beginning = [first], "" if both else f"began here, at the {_name(start)}"
+    if both and end != CLOSED:
+        backward, beginning = walker.walk(first.turned())
     elif end == CLOSED:
         beginning = CLOSED
-    points = [_Point(b.y, -b.tangent, b.residual) for b in backward[:0:-1]] + forward
-    points, special = _with_folds(curve, parameter, points)
-    return Branch(tuple(_decode(curve, point) for point in points), parameter, special, (beginning, end))
+    points, place = [b.turned() for b in backward[:0:-1]] + forward, len(backward) - 1
+    begins = isinstance(start, SpecialPoint) and (start.kind == "hopf" or start.onward is not None)
+    if isinstance(start, SpecialPoint) and not begins and 0 < place < len(points) - 1:
+        del points[place]  # its neighbours enclose it, and it is located anew
+    judge = stability and any(abs(point.tangent[-1]) >= VERTICAL for point in points)
+    if isinstance(start, SpecialPoint) and start.kind == "hopf" and judge:
+        start = onset(start, equations.system.with_parameters(**{parameter: start.value}), points)
+    known = {place: start} if isinstance(start, SpecialPoint) and begins and judge else {}
+    orbits, special = special_points(curve, points, judge=judge, known=known)
+    return Branch(tuple(orbits), parameter, special, (beginning, end))
 
 
-def _with_folds(curve: _Curve, parameter: str, points: list[_Point]) -> tuple[list[_Point], tuple[SpecialPoint, ...]]:
-    """Return the points with the folds between them put in, and the folds."""
-    complete, special = points[:1], []
-    for a, b in pairwise(points):
-        if a.tangent[-1] * b.tangent[-1] < 0 and (located := _fold(curve, a, b)) is not None:
-            point, error = located
-            value, kind = float(point.y[-1]), "smallest" if b.tangent[-1] > 0 else "largest"
-            status = f"{kind} value of {parameter} along the branch; slope {point.tangent[-1]:.1e} where located"
-            special.append(
-                SpecialPoint("fold", parameter, value, (value - error, value + error), _decode(curve, point), status)
-            )
-            complete.append(point)
-        complete.append(b)
-    return complete, tuple(special)
+def _name(start: Orbit | SpecialPoint) -> str:
+    kind = start.kind if isinstance(start, SpecialPoint) else "start"
+    return "Hopf point" if kind == "hopf" else kind
 
 
-def _decode(curve: _Curve, point: _Point) -> Orbit:
-    problem = curve.problem
-    m = problem.equations.size
-    return problem.equations.decode(
-        point.y[:m], problem.parameters(point.y), "converged by pseudo-arclength continuation", point.residual
-    )
-
-
-def _first_point(curve: _Curve, orbit: Orbit, equations: Equations, growing: bool) -> _Point:
+def _first_point(curve: Curve, orbit: Orbit, equations: Equations, growing: bool) -> Point:
     """Put the start on the curve: at its parameter value, or at its amplitude where that fails or is asked for."""
     place = curve.problem.free[0]
     name = equations.system.parameter_names[place]
@@ -215,10 +159,10 @@ def _first_point(curve: _Curve, orbit: Orbit, equations: Equations, growing: boo
     p = equations.system.vector(**values, **{name: found.parameters[name]})
     y = np.append(equations.encode(found), p[place])
     F, J = curve.evaluate(y)
-    tangent = curve.first_tangent(J)
+    tangent = np.linalg.svd(J)[2][-1]
     amplitude_place = int(np.argmax(np.abs(y[: equations.size - 1] / curve.scale[: equations.size - 1])))
     grows = tangent[amplitude_place] * np.sign(y[amplitude_place]) if growing else tangent[-1]
-    return _Point(y, tangent if grows >= 0 else -tangent, F * curve.rows)
+    return Point(y, tangent if grows >= 0 else -tangent, F * curve.rows)
 
 
 CLOSED = "the branch closes on itself"
@@ -229,7 +173,7 @@ class _Walker:
 
     def __init__(
         self,
-        curve: _Curve,
+        curve: Curve,
         interval: tuple[float, float],
         steps: tuple[float, float],
         max_points: int,
@@ -239,13 +183,14 @@ class _Walker:
         self.curve, (self.lo, self.hi), (self.first_step, self.longest) = curve, interval, steps
         self.max_points, self.families, self.progress = max_points, families, progress
 
-    def walk(self, first: _Point) -> tuple[list[_Point], str]:
+    def walk(self, first: Point) -> tuple[list[Point], str]:
         """Return the points and the reason for stopping."""
         points, length = [first], self.first_step
         while len(points) < self.max_points:
             here = points[-1]
             there, iterations = self.curve.step(here, length)
-            if there is None or here.tangent @ there.tangent < WIDEST_TURN:
+            beyond = there is not None and length > SHRINKING and bool(self.curve.problem.violated(there.y))
+            if there is None or beyond or here.tangent @ there.tangent < WIDEST_TURN:
                 length /= 2
                 if length < SHORTEST:
                     return points, self._stuck(here)
@@ -262,17 +207,17 @@ class _Walker:
             f"the largest number of points, {self.max_points}, was reached; raise max_points to go on",
         )
 
-    def _stuck(self, here: _Point) -> str:
+    def _stuck(self, here: Point) -> str:
         return (
             f"no further point found beyond {self._at(here)} with steps down to {SHORTEST:g}; more harmonics or a "
             "smaller tolerance on the way there may help"
         )
 
-    def _at(self, point: _Point) -> str:
+    def _at(self, point: Point) -> str:
         problem = self.curve.problem
         return f"{problem.equations.system.parameter_names[problem.free[0]]} = {point.y[-1]:.6g}"
 
-    def _end(self, points: list[_Point], there: _Point) -> str:
+    def _end(self, points: list[Point], there: Point) -> str:
         """Return why the walk ends before ``there`` (a last point on the interval's end is added), or nothing."""
         here, value = points[-1], there.y[-1]
         if not self.lo <= value <= self.hi:
@@ -282,14 +227,14 @@ class _Walker:
             last, _ = self.curve.correct(np.append((here.y + share * (there.y - here.y))[:-1], bound), across)
             if last is not None and share > 1e-9:
                 along = np.sign(last.tangent @ here.tangent)
-                points.append(_Point(last.y, along * last.tangent, last.residual))
+                points.append(Point(last.y, along * last.tangent, last.residual))
             return f"the end of the interval was reached, {self._at(points[-1])}"
         still = [abs(p.tangent[-1]) < VERTICAL for p in points[-PATIENCE:]]
         if not self.families and len(points) > PATIENCE and all(still):
             return f"{self._at(here)} does not vary along the branch: a family of cycles, as of a conservative system"
         beyond = self.curve.problem.violated(there.y)
         if any("cosine of harmonic 1 at its lower" in b for b in beyond):
-            return f"the cycle shrinks to the equilibrium at {self._at(here)}"
+            return f"the first harmonic vanishes at {self._at(here)}: an equilibrium, or a cycle of half the period"
         if beyond:
             return f"a bound was reached at {self._at(here)}: {', '.join(beyond)}"
         if len(points) > 10:
@@ -299,30 +244,3 @@ class _Walker:
                 points.append(start)
                 return CLOSED
         return ""
-
-
-def _fold(curve: _Curve, a: _Point, b: _Point) -> tuple[_Point, float] | None:
-    """Locate the fold between two points, where the tangent has no component along the parameter.
-
-    Returns the point and the error of the parameter's value, or None where there is no fold to locate.
-    """
-    if min(abs(a.tangent[-1]), abs(b.tangent[-1])) < VERTICAL:
-        return None  # the parameter does not vary on one side: cycles of a linear or conservative system
-    distance = float(a.tangent @ ((b.y - a.y) / curve.scale))
-    found: dict[float, _Point] = {0.0: a, distance: b}
-
-    def slope(length: float) -> float:
-        if length not in found:
-            point, _ = curve.step(a, length)
-            if point is None:
-                return float("nan")
-            found[length] = point
-        return float(found[length].tangent[-1])
-
-    try:
-        slope(float(brentq(slope, 0.0, distance, xtol=1e-12, rtol=1e-12)))
-    except (ValueError, RuntimeError):
-        return None
-    point = found[min(found, key=lambda s: abs(found[s].tangent[-1]))]
-    error = abs(float(point.tangent[-1])) * distance * float(curve.scale[-1])
-    return point, max(error, 1e-12 * abs(float(point.y[-1])))

@@ -40,6 +40,7 @@ class Critical:
     omega : float, rad/s
     gradient : dict of float, unit of the parameter per unit of each
         Derivative of the value with respect to every other parameter.
+        Empty where it was not found; the status says why.
     orbit : Orbit
         The cycle at the fold; at a Hopf point the linear cycle along the critical mode.
     residual : float
@@ -194,7 +195,7 @@ def _by_tracing(equations: Equations, place: int, orbit: Orbit, tolerance: float
     span = max(value - reach, low), min(value + reach, high)
     for hopf in hopf_points(equations.system, name, span):
         try:
-            branch = trace(equations, hopf, name, span, families=False)
+            branch = trace(equations, hopf, name, span, families=False, stability=False)
         except ConvergenceError:
             continue
         for special in branch.folds():
@@ -317,21 +318,25 @@ def critical_speeds(
     for hopf in hopf_points(system, parameter, span):
         found.append(hopf_gradient(system, hopf))
         try:
-            branch = trace(equations, hopf, parameter, span, families=False)
+            branch = trace(equations, hopf, parameter, span, families=False, stability=False)
         except ConvergenceError:
             continue
         for special in branch.folds():
-            located = _fold_or_none(equations, special, parameter)
-            if located is not None and not any(_same(located, other) for other in found):
+            located = _polished(equations, special)
+            if not any(_same(located, other) for other in found):
                 found.append(located)
     return sorted(found, key=lambda c: c.value)
 
 
-def _fold_or_none(equations: Equations, special: SpecialPoint, parameter: str) -> Critical | None:
+def _polished(equations: Equations, special: SpecialPoint) -> Critical:
+    """Return the fold of a branch with its gradient; without one where that does not converge."""
     try:
-        return fold(equations, special, parameter)
-    except ConvergenceError:
-        return None
+        return fold(equations, special, special.parameter)
+    except ConvergenceError as error:
+        extremum = "minimum" if special.status.startswith("smallest") else "maximum"
+        status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
+        numbers = (special.value, extremum, special.omega, {}, orbit, orbit.residual, float("nan"))
+        return Critical("fold", special.parameter, *numbers, status)
 
 
 def _same(a: Critical, b: Critical) -> bool:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from hbbogie.continuation import trace
-from hbbogie.cycles import crossings, default_reach, distinct, find_cycles, settled_cycles
+from hbbogie.cycles import ORDERS, crossings, default_reach, distinct, find_cycles, settled_cycles, verified
 from hbbogie.equations import Equations
 from hbbogie.errors import ModelError
 from hbbogie.guesses import check_interval, hopf_points
@@ -80,21 +81,26 @@ def curves(
     parameter: str,
     interval: tuple[float, float],
     *,
-    harmonics: int = 15,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-3,
     stability: bool = True,
     progress: Progress = silent,
 ) -> Curves:
-    """Trace the branches from all Hopf points, and those through the cycles at the system's values.
+    """Trace the branches from all Hopf points, those through the system's cycles, and what begins on them.
 
     Parameters
     ----------
     system : System
     parameter : str
     interval : (float, float), unit of the parameter
-    harmonics : int
-        Highest harmonic.
+    harmonics : int or "auto"
+        Highest harmonic. "auto" begins with 15 and doubles, up to 127, until the error estimate by shooting of the
+        least resolved cycle on every branch meets the tolerance; the notes say what it took.
+    tolerance : float
+        Largest error of frequency and waveform, relative, that "auto" is content with.
     stability : bool
-        Whether to compute the multipliers of every cycle.
+        Whether to compute the multipliers of every cycle, locate the special points, and follow the branches that
+        begin at pitchforks, period doublings and branch points.
     progress : callable
         Called with (message, fraction done or None).
 
@@ -104,62 +110,116 @@ def curves(
         For an unknown parameter or an empty interval. What cannot be computed is said in the notes.
     """
     interval = check_interval(system, parameter, interval)
-    equations = HarmonicBalance(harmonics).equations(system)
     progress("looking for Hopf points", None)
     hopf = hopf_points(system, parameter, interval)
-    traced: list[Branch] = []
-    notes: list[str] = []
-    for point in hopf:
-        traced += _traced(equations, point, parameter, interval, progress, notes)
-    value = system.values[parameter]
-    progress(f"looking for cycles at {parameter} = {value:g}", None)
-    cycles = [] if _holds_family(traced, interval, value) else _cycles(system, parameter, harmonics, stability, notes)
-    for cycle in cycles:
-        if interval[0] <= value <= interval[1] and not any(_passes(equations, b, cycle) for b in traced):
-            traced += _traced(equations, cycle, parameter, interval, progress, notes)
-    if _holds_family(traced, interval, value):
+    about = _About(system, parameter, interval, hopf, progress)
+    cycles: list[Orbit] | None = None
+    for H in ORDERS if harmonics == "auto" else (int(harmonics),):
+        notes: list[str] = []
+        progress(f"branches with harmonics up to {H}", None)
+        traced = about.traced(H, (), False, notes)
+        family = _holds_family(traced, interval, system.values[parameter])
+        if cycles is None:
+            cycles = [] if family else _cycles(system, parameter, harmonics, stability, notes)
+        traced = about.traced(H, cycles, False, notes)
+        error, said = estimate(system, [b for b in traced if not is_family(b, interval)], H, tolerance)
+        if error <= tolerance:
+            break
+    notes += said if harmonics == "auto" else []
+    if _holds_family(traced, interval, system.values[parameter]):
         cycles = []  # what was found is but one of the family
-    families = [_cut(b, equations) for b in traced if is_family(b, interval)]
-    branches = [b for b in traced if not is_family(b, interval)]
+    families = [_cut(b, HarmonicBalance(H).equations(system)) for b in traced if is_family(b, interval)]
     if stability:
-        told = [f"stability of branch {i + 1}" for i in range(len(branches))]
-        branches = [judged(system, b, progress, text) for b, text in zip(branches, told, strict=True)]
-    named = _named("branch", branches), _named("family", families)
-    return Curves(parameter, interval, hopf, *named, cycles, tuple(notes))
+        traced = about.traced(H, cycles or (), True, notes)
+    branches = [b for b in traced if not is_family(b, interval)]
+    named = _named("branch", branches) | about.beyond(branches, families, H, notes)
+    if stability:
+        named = {name: judged(system, b, progress, f"stability of {name}") for name, b in named.items()}
+    return Curves(
+        parameter, interval, hopf, named, _named("family", families), cycles or [], tuple(dict.fromkeys(notes))
+    )
 
 
-def _cycles(system: System, parameter: str, harmonics: int, stability: bool, notes: list[str]) -> list[Orbit]:
+def estimate(system: System, branches: Sequence[Branch], H: int, tolerance: float) -> tuple[float, list[str]]:
+    """Return the largest error estimate of the least resolved cycles of some branches, and a sentence about it.
+
+    Parameters
+    ----------
+    system : System
+    branches : sequence of Branch
+    H : int
+        Their highest harmonic.
+    tolerance : float
+        With which the sentence compares it.
+    """
+    worst = [max(b.orbits, key=lambda o: o.tail) for b in branches]
+    if not worst:
+        return 0.0, []
+    (error, orbit) = max(((verified(system, o)[1], o) for o in worst), key=lambda pair: pair[0])
+    where = ", ".join(f"{b.parameter} = {orbit.parameters[b.parameter]:.6g}" for b in branches[:1])
+    meets = "meets" if error <= tolerance else "misses"
+    text = f"the error estimate of the least resolved cycle, at {where}, is {error:.1e} and {meets} {tolerance:.0e}"
+    return error, [f"Harmonics up to {H}: {text}."]
+
+
+@dataclass(frozen=True, eq=False)
+class _About:
+    """What all branches of one job have in common."""
+
+    system: System
+    parameter: str
+    interval: tuple[float, float]
+    hopf: list[SpecialPoint]
+    progress: Progress
+
+    def one(self, equations: Equations, start: Orbit | SpecialPoint, stability: bool, notes: list[str]) -> list[Branch]:
+        """Return the branch from a start, or none and a note why."""
+
+        def say(value: float) -> None:
+            self.progress(f"tracing a branch: {self.parameter} = {value:.5g}", None)
+
+        options: dict[str, Any] = {"max_points": MAX_POINTS, "stability": stability, "progress": say}
+        try:
+            return [trace(equations, start, self.parameter, self.interval, **options)]
+        except FAILURES as error:
+            place = start.value if isinstance(start, SpecialPoint) else start.parameters[self.parameter]
+            what = start.kind.replace("hopf", "Hopf point") if isinstance(start, SpecialPoint) else "cycle"
+            notes.append(f"No branch was traced from the {what} at {self.parameter} = {place:.6g}: {error}")
+            return []
+
+    def traced(self, H: int, cycles: Sequence[Orbit], stability: bool, notes: list[str]) -> list[Branch]:
+        """Return the branches from the Hopf points, and those through cycles that lie on none of them."""
+        equations = HarmonicBalance(H).equations(self.system)
+        found = [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
+        inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
+        for cycle in cycles if inside else ():
+            if not any(_passes(equations, b, cycle) for b in found):
+                found += self.one(equations, cycle, stability, notes)
+        return found
+
+    def beyond(self, branches: list[Branch], families: list[Branch], H: int, notes: list[str]) -> dict[str, Branch]:
+        """Return the branches that begin at special points of others, by the kind of the point."""
+        found: dict[str, list[Branch]] = {}
+        for special in (s for b in branches for s in b.special if s.onward is not None):
+            if _holds_family(families, self.interval, special.value, 1e-6):
+                continue  # what crosses there is known
+            harmonics = 2 * H if special.kind == "period doubling" else H
+            equations = HarmonicBalance(harmonics, odd=False).equations(self.system)
+            found.setdefault(special.kind.replace(" ", "_"), []).extend(self.one(equations, special, True, notes))
+        return {name: b for kind, many in found.items() for name, b in _named(kind, many).items()}
+
+
+def _cycles(system: System, parameter: str, harmonics: int | str, stability: bool, notes: list[str]) -> list[Orbit]:
     """Return the cycles at the system's parameter values, or none and a note why."""
     try:
         try:
             found = find_cycles(system, parameter=parameter, harmonics=harmonics, stability=stability)
         except ModelError:  # a continuous family, which is found by tracing from one of its cycles
-            return settled_cycles(HarmonicBalance(harmonics).equations(system), parameter)
+            H = ORDERS[0] if harmonics == "auto" else int(harmonics)
+            return settled_cycles(HarmonicBalance(H).equations(system), parameter)
         return [o.replace(stability=stability_of(system, o)) for o in found] if stability else found
     except FAILURES as error:
         notes.append(f"Cycles at {parameter} = {system.values[parameter]:g}: {error}")
-        return []
-
-
-def _traced(
-    equations: Equations,
-    start: Orbit | SpecialPoint,
-    parameter: str,
-    interval: tuple[float, float],
-    progress: Progress,
-    notes: list[str],
-) -> list[Branch]:
-    """Return the branch from a start, or none and a note why."""
-
-    def say(value: float) -> None:
-        progress(f"tracing a branch: {parameter} = {value:.5g}", None)
-
-    try:
-        return [trace(equations, start, parameter, interval, max_points=MAX_POINTS, progress=say)]
-    except FAILURES as error:
-        place = start.value if isinstance(start, SpecialPoint) else start.parameters[parameter]
-        what = "Hopf point" if isinstance(start, SpecialPoint) else "cycle"
-        notes.append(f"No branch was traced from the {what} at {parameter} = {place:.6g}: {error}")
         return []
 
 
@@ -177,9 +237,11 @@ def is_family(branch: Branch, interval: tuple[float, float]) -> bool:
     return len(branch) > 1 and bool(np.ptp(branch.values) <= 1e-9 * (interval[1] - interval[0]))
 
 
-def _holds_family(traced: Sequence[Branch], interval: tuple[float, float], value: float) -> bool:
+def _holds_family(
+    traced: Sequence[Branch], interval: tuple[float, float], value: float, tolerance: float = 1e-9
+) -> bool:
     """Tell whether there is a family of cycles at a value of the parameter."""
-    width = 1e-9 * (interval[1] - interval[0])
+    width = tolerance * (interval[1] - interval[0])
     return any(is_family(b, interval) and abs(b.values[0] - value) <= width for b in traced)
 
 
@@ -211,10 +273,10 @@ def judged(system: System, branch: Branch, progress: Progress = silent, message:
         Called with (message, fraction done).
     message : str
     """
-    orbits = []
+    orbits, neutral = [], {id(s.orbit) for s in branch.special}  # where more harmonics change nothing
     for i, orbit in enumerate(branch.orbits):
         progress(message, i / len(branch))
-        orbits.append(orbit.replace(stability=stability_of(system, orbit)))
+        orbits.append(orbit if id(orbit) in neutral else orbit.replace(stability=stability_of(system, orbit)))
     return branch.with_orbits(orbits)
 
 

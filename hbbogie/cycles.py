@@ -112,7 +112,7 @@ def _search(equations: Equations, name: str, value: float, interval: tuple[float
     return found
 
 
-def _verified(system: System, orbit: Orbit) -> tuple[Orbit, float]:
+def verified(system: System, orbit: Orbit) -> tuple[Orbit, float]:
     """Return the orbit with error estimates and their largest, relative; infinite where shooting does not converge."""
     try:
         checked = verify(system, orbit)
@@ -126,12 +126,12 @@ def _verified(system: System, orbit: Orbit) -> tuple[Orbit, float]:
 
 def _judged(system: System, orbit: Orbit) -> Orbit:
     """Return the orbit with error estimates and the verdict on itself, whatever its errors."""
-    return _verified(system, orbit)[0].replace(stability=floquet(system, orbit))
+    return verified(system, orbit)[0].replace(stability=floquet(system, orbit))
 
 
 def _refined(system: System, orbit: Orbit, tolerance: float, stability: bool) -> Orbit:
     """Return the orbit with as many harmonics as the tolerance takes, judged by the cycle polished by shooting."""
-    best, error = _verified(system, orbit)
+    best, error = verified(system, orbit)
     for H in ORDERS:
         if error <= tolerance or H <= orbit.H:
             continue
@@ -139,7 +139,7 @@ def _refined(system: System, orbit: Orbit, tolerance: float, stability: bool) ->
             orbit = solve(HarmonicBalance(H).equations(system), orbit)
         except ConvergenceError:
             break
-        best, error = _verified(system, orbit)
+        best, error = verified(system, orbit)
     if best.stability is None and stability:
         best = best.replace(stability=floquet(system, best))
     enough = "meets" if error <= tolerance else "misses"
@@ -163,7 +163,7 @@ def branches_from_hopf(
     branches = []
     for hopf in hopf_points(equations.system, parameter, interval):
         try:
-            branches.append(trace(equations, hopf, parameter, interval, families=families))
+            branches.append(trace(equations, hopf, parameter, interval, families=families, stability=False))
         except ConvergenceError:
             continue  # no cycle of the kept harmonics begins here
     return branches

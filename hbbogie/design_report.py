@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hbbogie.continuation import trace
 from hbbogie.criteria import CriticalValue, Expression
-from hbbogie.curves import Progress, default_interval, judged, silent
+from hbbogie.curves import Progress, default_interval, silent
 from hbbogie.design import Design, optimise
 from hbbogie.design_point import DesignPoint, stable_cycle
 from hbbogie.errors import ConvergenceError, ModelError
@@ -261,7 +261,7 @@ def _smallest_traced(point: DesignPoint) -> float:
     for hopf in hopf_points(point.system, point.parameter, point.interval):
         values.append(hopf.value)
         try:
-            branch = trace(equations, hopf, point.parameter, point.interval, families=False)
+            branch = trace(equations, hopf, point.parameter, point.interval, families=False, stability=False)
         except ConvergenceError:
             continue
         values += [f.value for f in branch.folds()]
@@ -284,13 +284,13 @@ def _settled(point: DesignPoint, value: float) -> str:
 
 
 def _branch(point: DesignPoint, progress: Progress, when: str) -> Branch | None:
-    """Return the branch with the smallest critical value, judged; None where there is none."""
+    """Return the branch from the first Hopf point that leads to one, judged; None where there is none."""
+    progress(f"branch {when}", None)
     for hopf in hopf_points(point.system, point.parameter, point.interval):
         try:
-            branch = trace(point.equations, hopf, point.parameter, point.interval, longest=0.15, families=False)
+            return trace(point.equations, hopf, point.parameter, point.interval, longest=0.15, families=False)
         except ConvergenceError:
             continue
-        return judged(point.system, branch, progress, f"stability {when}")
     return None
 
 
@@ -305,9 +305,8 @@ def _bifurcation(branches: dict[str, Branch | None], design: Design) -> Figure:
     figure, ((whole, close),) = plot.panels(1, 2)
     parameter = design.before.system.parameter(design.before.parameter)
     across = label(f"{parameter.description} {parameter.name}".strip(), parameter.unit)
-    points = [s for _, p in _both(design) for s in hopf_points(p.system, p.parameter, p.interval)[:1]]
     for ax in (whole, close):
-        plot.branch(list(shown.values()), ax=ax, labels=list(shown), parameter_label=across, special=points)
+        plot.branch(list(shown.values()), ax=ax, labels=list(shown), parameter_label=across)
     low, high = (p.value for _, p in _both(design))
     margin = 0.06 * high
     close.set_xlim(min(low, high) - margin, max(low, high) + margin)

@@ -58,6 +58,8 @@ class AttachedLaw:
         For piecewise-linear laws: p -> (offset, stiffness, k, threshold), the last two one per ramp.
     directions : tuple of int
         Direction of each ramp.
+    heights : casadi.Function or None
+        For laws that jump: p -> the jump where each ramp begins.
     describing : casadi.Function or None
         Where the law knows its describing function: (amplitude, p) -> force per unit of the argument.
     reference : casadi.Function or None
@@ -72,6 +74,7 @@ class AttachedLaw:
     force: ca.Function
     ramps: Any
     directions: tuple[int, ...] = ()
+    heights: Any = None
     describing: Any = None
     reference: Any = None
     polynomial: Any = None
@@ -104,7 +107,8 @@ class LawAt:
             return None
         offset, stiffness, k, g = self.attached.ramps(self.p)
         terms = tuple((d, k[i], g[i]) for i, d in enumerate(self.attached.directions))
-        return Ramps(terms, stiffness, offset)
+        heights = self.attached.heights
+        return Ramps(terms, stiffness, offset, tuple(ca.vertsplit(heights(self.p))) if heights else ())
 
     def describing(self, amplitude: Scalar) -> ca.SX | None:
         """Return the describing function at an amplitude."""
@@ -131,10 +135,12 @@ def attach(element: Element, q: ca.SX, v: ca.SX, p: ca.SX) -> AttachedLaw:
     u, law = ca.SX.sym("u"), element.law
     argument = ca.Function("argument", [q, v, p], [element.argument], list("qvp"), ["u"])
     force = ca.Function("force", [u, p], [law.force(u)], ["u", "p"], ["f"])
-    ramps, directions = known(law, "ramps"), ()
+    ramps, directions, heights = known(law, "ramps"), (), None
     if ramps is not None:
         directions = tuple(d for d, _, _ in ramps.terms)
         k, g = (ca.vertcat(*(ca.SX(t[i]) for t in ramps.terms)) for i in (1, 2))
+        if ramps.heights:
+            heights = ca.Function("heights", [p], [ca.vertcat(*map(ca.SX, ramps.heights))])
         ramps = ca.Function("ramps", [p], [ca.SX(ramps.offset), ca.SX(ramps.stiffness), k, g])
     N, polynomial = known(law, "describing", u), known(law, "polynomial")
     reference = known(law, "reference_stiffness")
@@ -145,6 +151,7 @@ def attach(element: Element, q: ca.SX, v: ca.SX, p: ca.SX) -> AttachedLaw:
         force,
         ramps,
         directions,
+        heights,
         None if N is None else ca.Function("describing", [u, p], [ca.SX(N)], ["Y", "p"], ["N"]),
         None if reference is None else ca.Function("reference", [p], [ca.SX(reference)]),
         None if polynomial is None else ca.Function("polynomial", [p], [ca.vertcat(*map(ca.SX, polynomial))]),

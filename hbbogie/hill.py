@@ -70,7 +70,8 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
     Raises
     ------
     ModelError
-        When the orbit does not belong to the system or is no cycle, or harmonics or tolerance are not acceptable.
+        When the orbit does not belong to the system or is no cycle, when an element jumps, or when harmonics or
+        tolerance are not acceptable.
 
     Notes
     -----
@@ -94,6 +95,12 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
     check_orbit(system, orbit)
     if orbit.H == 0:
         raise ModelError("Hill's method is for cycles; got an equilibrium. Use floquet.")
+    jumping = [e.name for e in system.elements if e.heights is not None]
+    if jumping:
+        raise ModelError(
+            f"Hill's method does not see jumps of the vector field ({', '.join(jumping)}): the series of the state "
+            "matrix has none. Use floquet, or verify."
+        )
     H = orbit.H if harmonics is None else harmonics
     if int(H) != H or H < 1:
         raise ModelError(f"harmonics: got {harmonics!r}; give a whole number, 1 or more.")
@@ -140,6 +147,45 @@ def _eigen(A: Complex, omega: float) -> tuple[Complex, Complex]:
     matrix = blocks.reshape(len(h) * n, len(h) * n) - 1j * omega * np.diag(np.repeat(h, n))
     eigenvalues, vectors = np.linalg.eig(matrix)
     return eigenvalues, vectors.reshape(len(h), n, -1)
+
+
+def null_mode(system: System, orbit: Orbit, *, doubled: bool) -> Array:
+    """Return the periodic or antiperiodic mode of a cycle at a bifurcation: Floquet multiplier +1 or -1.
+
+    Parameters
+    ----------
+    system : System
+    orbit : Orbit
+        With ``doubled=False`` an odd cycle of an odd system, at a pitchfork.
+    doubled : bool
+        Whether the mode has twice the period.
+
+    Returns
+    -------
+    ndarray
+        Fourier coefficients of the coordinates, of no particular size: even harmonics of the cycle's frequency, shape
+        (2 H + 1, n); or odd harmonics of half of it, shape (4 H + 1, n).
+    """
+    H, n = orbit.H, system.n_states
+    waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
+    A = _state_matrix_modes(waveform, 2 * H + 1)
+    k = np.arange(-2 * H + 1, 2 * H, 2) if doubled else np.arange(-(H // 2) * 2, H + 1, 2)
+    omega = orbit.omega / 2 if doubled else orbit.omega
+    steps = (k[:, None] - k[None, :]) // (2 if doubled else 1)
+    scale = matrix_balance(np.abs(A[2 * H + 1]), permute=False)[1].diagonal()
+    blocks = (A / scale[:, None] * scale)[steps + 2 * H + 1].transpose(0, 2, 1, 3)
+    matrix = blocks.reshape(len(k) * n, len(k) * n) - 1j * omega * np.diag(np.repeat(k, n))
+    psi = np.linalg.svd(matrix)[2][-1].conj().reshape(len(k), n)
+    # the real mode among its complex multiples
+    psi = psi * np.exp(-0.5j * np.angle((psi * psi[::-1]).sum()))
+    psi = (0.5 * (psi + psi[::-1].conj()) * scale)[:, : system.n]
+    coefficients = np.zeros((2 * (2 * H if doubled else H) + 1, system.n))
+    for row, h in zip(psi, k, strict=True):
+        if h == 0:
+            coefficients[0] = row.real
+        elif h > 0:
+            coefficients[2 * h - 1], coefficients[2 * h] = 2 * row.real, -2 * row.imag
+    return coefficients
 
 
 def _central(eigenvalues: Complex, vectors: Complex, count: int, omega: float) -> NDArray[np.int_]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.analysis import solved_rates, state_of
 from hbbogie.errors import ConvergenceError, ModelError, unknown_name
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.system import System
@@ -19,6 +20,7 @@ METHODS = ("rk4", "cvodes")
 # samples in one call of a built function; a longer run calls it again, so that nothing grows with it
 BLOCKS = (500, 100, 20, 4, 1)
 MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the memory of a laptop
+NEWTON_STEPS = 3  # for the time of a jump inside a step, from that of a straight line
 TOO_LARGE = 1e12  # a state beyond this has left every physical model
 
 
@@ -66,17 +68,18 @@ def simulate(
 
     Notes
     -----
-    A contact of a piecewise-linear element is not located. "rk4" runs over it and loses order there: the
+    A contact of a continuous element is not located. "rk4" runs over it and loses order there: the
     error of a step that contains a contact is proportional to the cube of the step. "cvodes" is kept from
     stepping over a short contact by a largest step of one sample distance, and its error control refines
-    the step at the kink.
+    the step at the kink. Where an element jumps, "rk4" divides the step and keeps its order; of two jumps within one
+    step the first is located. A motion that sticks where an element jumps trembles about it from step to step.
     """
     if method not in METHODS:
         raise ModelError(unknown_name("integration method", str(method), METHODS))
     duration, step = positive("duration", duration, "s"), positive("step", step, "s")
     positive("tolerance", tolerance, "1")
     p = system.vector(**parameters)
-    start, x = _initial_state(system, initial)
+    start, x = initial_state(system, initial)
     count = max(1, int(np.ceil(duration / step * (1 - 1e-12))))
     if count > MOST_STEPS:
         raise ModelError(
@@ -101,7 +104,7 @@ def simulate(
         tuple(c.unit for c in system.coordinates),
         np.asarray(start + h * np.arange(count + 1), dtype=float),
         states[:, : system.n].copy(),
-        _velocities(system, states, p),
+        velocities(system, states, p),
         dict(merged.values),
         f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
     )
@@ -118,7 +121,7 @@ def positive(name: str, value: float, unit: str) -> float:
     return number
 
 
-def _initial_state(system: System, initial: Initial) -> tuple[float, Array]:
+def initial_state(system: System, initial: Initial) -> tuple[float, Array]:
     """Return the time and the state, shape (n_states,), a motion starts from."""
     n, second = system.n, [i for i, s in enumerate(system.second_order) if s]
     if isinstance(initial, Orbit | Trajectory):
@@ -170,14 +173,79 @@ def _advance(system: System, method: str, tolerance: float, size: int, x: Array,
 
 def _runge_kutta(system: System, size: int) -> ca.Function:
     """Return (x, p, h) -> states after 1 ... size steps of the classical Runge-Kutta method."""
-    f = system.ode
+    if any(e.heights is not None for e in system.elements):
+        return _located(system).mapaccum("rk4", size)
     x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
-    k1 = f(x, p)
-    k2 = f(x + h / 2 * k1, p)
-    k3 = f(x + h / 2 * k2, p)
-    k4 = f(x + h * k3, p)
-    step = ca.Function("step", [x, p, h], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
-    return step.mapaccum("rk4", size)
+    return ca.Function("step", [x, p, h], [_step(lambda y: system.ode(y, p), x, h)]).mapaccum("rk4", size)
+
+
+def _step(f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX) -> ca.SX:
+    """Return the state one step after x."""
+    k1 = f(x)
+    k2 = f(x + h / 2 * k1)
+    k3 = f(x + h / 2 * k2)
+    k4 = f(x + h * k3)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _located(system: System) -> ca.Function:
+    """Return (x, p, h) -> the state after a step that is divided where an element jumps, the first one that does."""
+    field, depths = _held(system)
+    n, m = system.n_states, depths.size1_out(0)
+    sx = [ca.SX.sym("x", n), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h"), ca.SX.sym("on", m)]
+    x, p, h, on = sx
+    whole = ca.Function("whole", sx, [_step(lambda y: field(y, on, p), x, h)])
+    end, then = ca.SX.sym("end", n), ca.SX.sym("then", m)
+    start, stop = depths(x, on, p), depths(end, on, p)
+    share = ca.if_else(on != then, start / (start - stop), 1)
+    theta, which = ca.SX(1), ca.SX.zeros(m)
+    for i in range(m):
+        earlier = ca.logic_and(on[i] != then[i], share[i] < theta)
+        theta, which = ca.if_else(earlier, share[i], theta), ca.if_else(earlier, ca.DM.eye(m)[:, i], which)
+    for _ in range(NEWTON_STEPS):
+        y = whole(x, p, theta * h, on)
+        rate = ca.jtimes(depths(x, on, p), x, field(x, on, p))
+        slope = h * ca.dot(which, ca.substitute(rate, x, y))
+        change = ca.dot(which, depths(y, on, p)) / ca.if_else(slope != 0, slope, 1)
+        theta = ca.fmin(ca.fmax(theta - change, 0), 1)
+    divided = whole(whole(x, p, theta * h, on), p, (1 - theta) * h, then)
+    choice = ca.Function.if_else(
+        "choice",
+        ca.Function("divided", [*sx, end, then], [divided]),
+        ca.Function("undivided", [*sx, end, then], [end]),
+    )
+    X, P, step = ca.MX.sym("x", n), ca.MX.sym("p", len(system.parameters)), ca.MX.sym("h")
+    # the value of the depths does not depend on what is on, but for rates in the place of states
+    now = depths(X, 0, P) > 0
+    after = whole(X, P, step, now)
+    beyond = depths(after, now, P) > 0
+    return ca.Function("step", [X, P, step], [choice(ca.norm_1(beyond - now) > 0, X, P, step, now, after, beyond)])
+
+
+def _held(system: System) -> tuple[ca.Function, ca.Function]:
+    """Return functions of (x, on, p): dx/dt, and how far the argument of each ramp is beyond its beginning.
+
+    The ramps are those of the elements that jump; ``on`` holds each on (1) or off (0), whatever its argument.
+    """
+    n = system.n
+    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
+    jumping = [e for e in system.elements if e.heights is not None]
+    on = ca.SX.sym("on", sum(len(e.directions) for e in jumping))
+    forces: list[ca.SX] = []
+    depths: list[ca.SX] = []
+    for e in system.elements:
+        u = e.argument(q, v, p)
+        if e.heights is None:
+            forces.append(e.force(u, p))
+            continue
+        offset, stiffness, k, threshold = e.ramps(p)
+        d, first = ca.DM(e.directions), sum(x.size1() for x in depths)
+        depths.append(d * u - threshold)
+        active = d * on[first : first + len(e.directions)]
+        forces.append(offset + stiffness * u + ca.dot(active, k * depths[-1] + e.heights(p)))
+    rates = solved_rates(system, system.residual_with_forces(q, v, a, ca.vertcat(*forces), p), v, a)
+    x, beyond = state_of(system, q, v), ca.substitute(ca.vertcat(*depths), v, rates[:n])
+    return ca.Function("held", [x, on, p], [rates]), ca.Function("depths", [x, on, p], [ca.densify(beyond)])
 
 
 def _cvodes(system: System, tolerance: float, size: int) -> ca.Function:
@@ -215,7 +283,7 @@ def _check_finite(system: System, states: Array, method: str, h: float, t: float
     )
 
 
-def _velocities(system: System, states: Array, p: Array) -> Array:
+def velocities(system: System, states: Array, p: Array) -> Array:
     """Return the velocities at the states, shape (N, n); of first-order coordinates by their equations."""
     second = np.array(system.second_order)
     v = np.empty((len(states), system.n))

@@ -2,7 +2,8 @@
 
 A law is a scalar function of one argument u, a coordinate, a velocity, or a linear combination
 of them; `Element` says where it acts. Laws whose graph is made of straight lines also give their
-`ramps`, from which harmonic balance integrates them exactly between the contact times. Where it is
+`ramps`, from which harmonic balance integrates them exactly between the contact times where they do
+not jump, and by which stability and shooting locate contacts and jumps. Where it is
 known in closed form, ``describing(amplitude)`` is the describing function: the first harmonic of the
 force over u = Y cos(tau), divided by Y. ``reference_stiffness()`` is that of the linear oscillator
 about which the second order expands.
@@ -216,12 +217,33 @@ class Friction:
 
 
 @dataclass(frozen=True, eq=False)
-class CoulombFriction:
+class Step(PiecewiseLinear):
+    """A force that switches on: height for u > threshold, none below, half at the threshold.
+
+    As a factor in the equations it switches between two vector fields: with a step s of height 1,
+    ``(1 - s) * left + s * right``.
+
+    Parameters
+    ----------
+    height : scalar, unit of force
+    threshold : scalar, unit of the argument
+    """
+
+    height: Scalar = 1.0
+    threshold: Scalar = 0.0
+
+    def ramps(self) -> Ramps:
+        """Return the jump, a ramp of no slope that begins with it."""
+        return Ramps(((1, 0.0, self.threshold),), heights=(self.height,))
+
+
+@dataclass(frozen=True, eq=False)
+class CoulombFriction(PiecewiseLinear):
     """Dry friction as Coulomb has it: limit * sign(u). Attach it to a velocity.
 
-    Made for describing functions, whose one harmonic passes the jump in closed form. Simulation and
-    multi-harmonic balance need `Friction`, the regularised law; linearised at rest, where this law
-    sticks, it is no force at all.
+    Motions that slide both ways and pass through u = 0 at once are followed, by their describing function,
+    by harmonic balance and by shooting. Sticking is not: it is detected (`floquet`, `verify`), and needs
+    `Friction`, the regularised law. Linearised at rest this law is no force at all.
 
     Parameters
     ----------
@@ -230,13 +252,9 @@ class CoulombFriction:
 
     limit: Scalar
 
-    def force(self, u: Scalar) -> Scalar:
-        """Return the force at the argument u; 0 at u = 0."""
-        return self.limit * ca.sign(u)
-
-    def describing(self, amplitude: Scalar) -> Scalar:
-        """Return the describing function at an amplitude, 4 limit / (pi Y)."""
-        return 4 * self.limit / (np.pi * amplitude)
+    def ramps(self) -> Ramps:
+        """Return the two jumps, upwards for u > 0 and downwards for u < 0."""
+        return Ramps(((1, 0.0, 0.0), (-1, 0.0, 0.0)), heights=(self.limit, self.limit))
 
 
 @dataclass(frozen=True, eq=False)

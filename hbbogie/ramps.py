@@ -1,4 +1,4 @@
-"""Piecewise-linear laws as straight line plus ramps."""
+"""Piecewise-linear laws as straight line plus ramps, and jumps where the ramps begin."""
 
 from __future__ import annotations
 
@@ -13,26 +13,41 @@ Scalar = Any  # a number or a scalar CasADi expression
 
 @dataclass(frozen=True)
 class Ramps:
-    """A continuous, piecewise-linear law as straight line plus ramps.
+    """A piecewise-linear law as straight line plus ramps, which may begin with a jump.
 
-    ``force(u) = offset + stiffness * u + sum_i direction_i * k_i * max(direction_i * u - threshold_i, 0)``
+    ``force(u) = offset + stiffness * u
+    + sum_i direction_i * (k_i * max(depth_i, 0) + height_i * (depth_i > 0)), depth_i = direction_i * u - threshold_i``
 
     Attributes
     ----------
     offset, stiffness : scalar, unit of force, unit of force per unit of the argument
     terms : tuple of (direction, k, threshold)
         Each ramp: its direction (+1 or -1), its stiffness and where it begins.
+    heights : tuple of scalar, unit of force
+        The jump where each ramp begins; empty for a continuous law.
     """
 
     terms: tuple[tuple[int, Scalar, Scalar], ...]
     stiffness: Scalar = 0.0
     offset: Scalar = 0.0
+    heights: tuple[Scalar, ...] = ()
 
-    def force(self, u: Scalar) -> Scalar:
-        """Return the force at the argument u."""
+    def force(self, u: Scalar, spread: Scalar = None) -> Scalar:
+        """Return the force at the argument u; half way up at a jump.
+
+        Parameters
+        ----------
+        u : scalar, unit of the argument
+        spread : scalar, unit of the argument
+            Where given, jumps are straight lines over so much of the argument.
+        """
         f = self.offset + self.stiffness * u
         for direction, k, threshold in self.terms:
             f = f + direction * k * ca.fmax(direction * u - threshold, 0)
+        for (direction, _, threshold), height in zip(self.terms, self.heights, strict=False):
+            depth = direction * u - threshold
+            share = ca.heaviside(depth) if spread is None else ca.fmin(ca.fmax(0.5 + depth / spread, 0), 1)
+            f = f + direction * height * share
         return f
 
     def describing(self, amplitude: Scalar) -> Scalar:
@@ -41,6 +56,8 @@ class Ramps:
         for _, k, threshold in self.terms:
             angle = contact_angle(threshold, amplitude)
             N = N + k * (angle - ca.sin(2 * angle) / 2) / np.pi
+        for (_, _, threshold), height in zip(self.terms, self.heights, strict=False):
+            N = N + 2 * height * ca.sin(contact_angle(threshold, amplitude)) / (np.pi * amplitude)
         return N
 
 

@@ -10,10 +10,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from hbbogie.curves import Curves, Progress, curves, default_interval, silent
 from hbbogie.errors import ModelError
 from hbbogie.figures import Figures, curve_figures, cycle_figures, linear
+from hbbogie.hill import hill as hill_of
 from hbbogie.results import Branch, Orbit
+from hbbogie.stability import floquet
 from hbbogie.system import System
 from hbbogie.tables import (
     Table,
@@ -98,7 +102,7 @@ class Report:
 
 
 def _branch_dict(b: Branch) -> dict[str, Any]:
-    keep = ("kind", "parameter", "value", "interval", "omega", "status")
+    keep = ("kind", "parameter", "value", "interval", "omega", "criticality", "status")
     special = [{name: getattr(s, name) for name in keep} for s in b.special]
     peaks = {c: b.amplitude(c) for c in b.orbits[0].coordinates}
     content = {"parameter": b.parameter, "values": b.values, "omega_rad_s": b.omega, "amplitude": peaks}
@@ -205,8 +209,17 @@ def default_study(module: ModuleType, system: System, progress: Progress = silen
     return Report(report.title, tables, report.branches, figures, report.notes, data)
 
 
-def report_of_cycles(system: System, parameter: str, cycles: list[Orbit]) -> Report:
-    """Return table, branches of one cycle each, figures and notes of the cycles at the system's values."""
+def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hill: bool = False) -> Report:
+    """Return table, branches of one cycle each, figures and notes of the cycles at the system's values.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str
+    cycles : list of Orbit
+    hill : bool
+        Whether to put the multipliers by Hill's method beside the integrated ones.
+    """
     at = quantity(system, parameter, system.values[parameter])
     summaries = [{**o.summary(), "largest_multiplier": largest_multiplier(o)} for o in cycles]
     data = {"parameters": dict(system.values), "cycles": summaries}
@@ -218,14 +231,40 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit]) -> Rep
         return Report(system.name, notes=(text,), data=data)
     table = cycles_table(cycles, f"{system.name}: cycles at {at}")
     saved = {f"cycle_{i + 1}": Branch((o,), parameter) for i, o in enumerate(cycles)}
-    return Report(system.name, (table,), saved, cycle_figures(cycles, system), (), data)
+    tables = (table, *([_by_hill(system, cycles)] if hill else []))
+    return Report(system.name, tables, saved, cycle_figures(cycles, system), (), data)
+
+
+def _by_hill(system: System, cycles: list[Orbit]) -> Table:
+    """Return the multipliers of cycles by integration and by Hill's method, each beside the nearest of the other."""
+    rows, notes = [], []
+    for i, orbit in enumerate(cycles):
+        judge, other = orbit.stability or floquet(system, orbit), hill_of(system, orbit)
+        for mu in judge.multipliers:
+            nearest = other.multipliers[np.argmin(np.abs(other.multipliers - mu))]
+            pairs = (mu.real, mu.imag, nearest.real, nearest.imag)
+            rows.append((i + 1, *map(float, pairs), float(abs(nearest - mu))))
+        notes.append(
+            f"Cycle {i + 1}: by integration {judge.verdict}, {judge.reason} By Hill {other.verdict}, {other.reason}"
+        )
+    parts = [f"{part}, {by}" for by in ("integrated", "Hill") for part in ("real part", "imaginary part")]
+    columns = ("cycle", *(f"{part} [1]" for part in parts), "difference [1]")
+    return Table(
+        "hill",
+        "Multipliers by integration and by Hill's method",
+        columns,
+        tuple(rows),
+        ("d", *[".6g"] * 4, ".1e"),
+        tuple(notes),
+    )
 
 
 def report_of_curves(system: System, found: Curves) -> Report:
     """Return tables, figures and notes of the curves of cycles over a parameter."""
     parameter, q = found.parameter, system.coordinate_names[0]
     unit = system.parameter(parameter).unit
-    points = [*found.hopf, *(s for b in found.branches.values() for s in b.special)]
+    along = {(s.kind, s.value): s for b in found.branches.values() for s in b.special}
+    points = [*(s for s in found.hopf if (s.kind, s.value) not in along), *along.values()]
     where = f"between {parameter} = {found.interval[0]:g} and {quantity(system, parameter, found.interval[1])}"
     notes = list(found.notes)
     tables: list[Table] = []

@@ -16,6 +16,8 @@ from hbbogie.system import System
 
 Array = NDArray[np.float64]
 
+BESIDE = 0.1  # of the range: so far from the mean are periods marked where elements jump, as they may at the mean
+
 
 @dataclass(frozen=True, eq=False)
 class Settled:
@@ -61,7 +63,8 @@ def settle(
     initial : mapping, Orbit or Trajectory
         As in `simulate`.
     coordinate : str
-        Its upward crossings of its mean mark the periods; the first nonlinear coordinate where left out.
+        Its upward crossings of its mean mark the periods, or of a level beside it where elements jump; the first
+        nonlinear coordinate where left out.
     tolerance : float
         Distance from the limit at which the motion counts as settled, relative to the range of the motion.
     chunk : float, s
@@ -121,6 +124,7 @@ class _Watch:
         self.i, self.name = system.index(coordinate), coordinate
         self.tolerance = positive("tolerance", tolerance, "1")
         self.system, self.p = system, system.vector(**parameters)
+        self.beside = BESIDE if any(e.heights is not None for e in system.elements) else 0.0
         self.level, self.period = float("nan"), float("nan")
         self.seen, self.turns = 0, 1  # crossings in the last piece and in a period
         self.times, self.states = np.empty(0), np.empty((0, system.n + 1))  # s; all q, one v
@@ -140,12 +144,12 @@ class _Watch:
         return self._converged(np.maximum(ranges, 1e-9 * ranges.max())[[*range(n), n + self.i]])
 
     def _collect(self, piece: Trajectory, span: float) -> None:
-        """Add the crossings of the piece; begin anew when the mean has moved by a twentieth of the range."""
+        """Add the crossings of the piece; begin anew when their level has moved by a twentieth of the range."""
         last = piece.crossings(self.name)[-2:]
         cycle = piece.at(np.linspace(last[0], last[1], 256, endpoint=False))[0] if len(last) == 2 else piece.q
-        mean = float(cycle[:, self.i].mean())
-        if not abs(mean - self.level) <= 0.05 * span:
-            self.level = mean
+        level = float(cycle[:, self.i].mean()) + self.beside * span
+        if not abs(level - self.level) <= 0.05 * span:
+            self.level = level
             self.times, self.states = self.times[:0], self.states[:0]
         times = piece.crossings(self.name, self.level)
         q, v = piece.at(times)

@@ -43,8 +43,12 @@ TO_LEGENDRE = np.linalg.inv(legendre.legvander(_x, STAGES - 1))
 INTEGRATE = _integrals(_x) @ TO_LEGENDRE / 2
 
 
-def _field(system: System) -> list[ca.Function]:
+def field_of(system: System) -> list[ca.Function]:
     """Return functions of (x, lines, p): dx/dt and the contacts' arguments u, each with its derivative in x."""
+    return system.once("shooting", lambda: _field(system))
+
+
+def _field(system: System) -> list[ca.Function]:
     q, v, lines, p, velocity, rates, contacts = on_lines(system)
     x = state_of(system, q, v)
     u = ca.vertcat(*(e.argument(q, velocity, p) for e in contacts)) if contacts else ca.SX(0, 1)
@@ -132,7 +136,7 @@ class Shooting:
     def __init__(self, system: System, orbit: Orbit, pattern: Pattern):
         self.system, self.orbit, self.pattern = system, orbit, pattern
         self.p = system.vector(**orbit.parameters)
-        self.field, self.arguments = system.once("shooting", lambda: _field(system))
+        self.field, self.arguments = field_of(system)
         second = [i for i, s in enumerate(system.second_order) if s]
         c = np.hstack([orbit.coefficients, orbit.omega * fourier.derivative(orbit.coefficients)[:, second]])
         grid = fourier.synthesis(orbit.H, fourier.phases(max(256, 4 * orbit.H)))

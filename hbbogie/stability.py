@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.analysis import is_odd
 from hbbogie.errors import ModelError
+from hbbogie.jumps import passages_along
 from hbbogie.results import Orbit, Stability
 from hbbogie.system import System
 from hbbogie.variation import Waveform, check_orbit, mesh_of, product, trace_integral, transitions_over
@@ -60,16 +62,18 @@ def floquet(
     The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series, one
     fourth-order Runge-Kutta step from the identity for each interval of a mesh; the product of the
     transition matrices is the monodromy matrix. The contact times of piecewise-linear elements are mesh
-    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink. A
-    kink written with ``fmax`` or ``fabs`` in the equations, not as an element, is not seen and costs
-    accuracy. With the default steps multipliers above 1e-4 are good to about 1e-6 of their size, for the
-    orbit as given; its own error comes on top.
+    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink.
+    Where an element jumps, the jump matrix (eq-jump) is a further factor; a motion that does not pass there
+    but sticks is not followed, and the verdict is "unknown". A kink or jump written in the equations, as
+    ``fmax`` or ``sign``, and not as an element is not seen and costs accuracy. With the default steps
+    multipliers above 1e-4 are good to about 1e-6 of their size, for the orbit as given; its own error comes
+    on top.
 
     One multiplier of a cycle is 1; the error of the nearest measures orbit and integration together. The
-    determinant measures the integration alone: the sum of log abs det over the intervals must be the
-    integral of the trace of A (Liouville). When either fails, or a multiplier lies closer to the unit circle
-    than five times the trivial error, the verdict is "unknown". Of multipliers below about 1e-12 only the
-    smallness is meant: they are round-off.
+    determinant measures the integration alone: the sum of log abs det over the intervals and the jumps must be
+    the integral of the trace of A (Liouville) plus the logarithms of the jumps' known determinants. When either
+    fails, or a multiplier lies closer to the unit circle than five times the trivial error, the verdict is
+    "unknown". Of multipliers below about 1e-12 only the smallness is meant: they are round-off.
 
     When system and orbit are odd, q(t + T/2) = -q(t), half the period is enough (eq-half-period): the
     multipliers are the squares of those of G = -Phi(T/2), which are kept too. They tell more: next to the
@@ -87,15 +91,18 @@ def floquet(
         return _equilibrium(system, orbit, p, tolerance)
     waveform = Waveform(system, orbit, p)
     mesh = mesh_of(waveform, steps, half=halved)
-    transitions = transitions_over(waveform, mesh)
+    passages = passages_along(waveform, mesh)
+    none = np.full(system.n_states, np.nan, dtype=complex)
+    if passages.obstacle:
+        return Stability("unknown", none, float("nan"), 0, f"{passages.obstacle}.")
+    transitions = passages.inserted(transitions_over(waveform, mesh))
     monodromy = product(transitions)
     if not np.isfinite(monodromy).all():
-        none = np.full(system.n_states, np.nan, dtype=complex)
         reason = f"the variational equations overflow with {len(mesh) - 1} steps; take more steps."
         return Stability("unknown", none, float("nan"), 0, reason)
     parts = 2 if halved else 1
     log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
-    trace = parts * trace_integral(waveform, mesh)
+    trace = parts * (trace_integral(waveform, mesh) + passages.log_determinant)
     return _judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
 
 
@@ -103,11 +110,12 @@ def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
     """Return whether half a period is to be integrated; raise `ModelError` when it is asked for and not enough."""
     if half is False:
         return False
+    odd = fourier.is_odd(orbit.coefficients)
     if orbit.H == 0:
         why = "the orbit is an equilibrium"
-    elif not system.odd:
+    elif not (system.odd or (odd and is_odd(system.with_parameters(**orbit.parameters), spread=0.0))):
         why = f"the system {system.name!r} is not odd"
-    elif not fourier.is_odd(orbit.coefficients):
+    elif not odd:
         why = "the orbit has a mean or even harmonics"
     else:
         return True

@@ -43,13 +43,18 @@ class _Model:
     arguments: ca.Function
 
 
+def contacts_of(system: System) -> list[AttachedLaw]:
+    """Return the elements of piecewise-linear laws."""
+    return [e for e in system.elements if e.ramps is not None]
+
+
 def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, list[AttachedLaw]]:
     """Return the first-order form with every contact on one of its lines: (q, v, lines, p, velocity, rates, contacts).
 
     lines, shape (2 contacts,), are slope and intercept of each; the state is x = (q, v of the second-order
     coordinates), and dx/dt = rates, whose first n entries are the velocity.
     """
-    n, contacts = system.n, [e for e in system.elements if e.ramps is not None]
+    n, contacts = system.n, contacts_of(system)
     q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
     lines = ca.SX.sym("lines", 2 * len(contacts))
     forces = []
@@ -63,11 +68,18 @@ def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, 
 
 
 def _model(system: System) -> _Model:
-    q, v, lines, p, _, rates, contacts = on_lines(system)
+    q, v, lines, p, velocity, rates, contacts = on_lines(system)
     x = state_of(system, q, v)
     A = ca.jacobian(rates, x)
     varying = sorted(set(ca.Function("A", [x, lines, p], [A]).jac_sparsity(0, 0).get_col()))
     u = ca.vertcat(*(e.argument(q, v, p) for e in contacts)) if contacts else ca.SX(0, 1)
+    jumping = [i for i, e in enumerate(contacts) if e.heights is not None]
+    for i in jumping:
+        if ca.depends_on(contacts[i].argument(q, velocity, p), ca.vertcat(*(lines[2 * k + 1] for k in jumping))):
+            raise ModelError(
+                f"element {contacts[i].name!r}: its argument contains a rate that itself jumps with an element; let it "
+                "depend on states (coordinates, and velocities of coordinates with an acceleration)."
+            )
     rest = ca.substitute(u, ca.vertcat(q, v), ca.SX.zeros(2 * system.n))
     inputs = [x[varying], lines, p]
     return _Model(
@@ -97,13 +109,15 @@ class Waveform:
         self.model = system.once("variational model", lambda: _model(system))
         c, rate = orbit.coefficients, orbit.omega * fourier.derivative(orbit.coefficients)
         second = [i for i, s in enumerate(system.second_order) if s]
-        self.x = np.hstack([c, rate[:, second]])[:, self.model.varying]
+        self.all_states = np.hstack([c, rate[:, second]])
+        self.x = self.all_states[:, self.model.varying]
         dq, dv, rest = (m.full() for m in self.model.arguments(p))
         self.u = c @ dq.T + rate @ dv.T  # Fourier coefficients of the contacts' arguments
         self.u[0] += rest.ravel()
-        contacts = [e for e in system.elements if e.ramps is not None]
-        self.ramps = [[m.full().ravel() for m in e.ramps(p)] for e in contacts if e.ramps is not None]
+        contacts = contacts_of(system)
+        self.ramps = [[m.full().ravel() for m in e.ramps(p)] for e in contacts]
         self.directions = [np.array(e.directions, dtype=float) for e in contacts]
+        self.heights = [e.heights(p).full().ravel() if e.heights else np.zeros(len(e.directions)) for e in contacts]
 
     def states(self, tau: Array) -> Array:
         """Return the varying states at the phases tau, shape (len(tau), m)."""
@@ -116,7 +130,7 @@ class Waveform:
         for i, (offset, stiffness, k, threshold) in enumerate(self.ramps):
             d = self.directions[i]
             active = np.outer(u[:, i], d) > threshold
-            columns += [stiffness + active @ k, offset - active @ (d * k * threshold)]
+            columns += [stiffness + active @ k, offset + active @ (d * (self.heights[i] - k * threshold))]
         return np.column_stack(columns) if columns else np.empty((len(tau), 0))
 
     def switchings(self, end: float = 2 * np.pi) -> Array:
@@ -125,7 +139,8 @@ class Waveform:
             return np.empty(0)
         grid = fourier.phases(max(256, 32 * self.H))
         grid = np.append(grid[grid < end - 1e-9], end)
-        E = fourier.synthesis(self.H, grid)
+        # the first and the last phase of a period are one, whatever the rounding
+        E = fourier.synthesis(self.H, np.append(grid[:-1], end if end < 2 * np.pi else 0.0))
         rate = fourier.derivative(self.u)
         slope = E @ rate
         # between turning points u is monotone: with them on the grid a short contact is not missed
@@ -151,7 +166,9 @@ class Waveform:
 def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
     """Return where each column of Fourier coefficients meets its level between low and high (safe Newton)."""
     H, rate = fourier.highest(c), fourier.derivative(c)
-    tau, falling = 0.5 * (low + high), np.einsum("ij,ji->i", fourier.synthesis(H, low), c) > level
+    # both ends: at one of them the level may be met to the last digit
+    fall = np.einsum("ij,ji->i", fourier.synthesis(H, low) - fourier.synthesis(H, high), c)
+    tau, falling = 0.5 * (low + high), fall > 0
     for _ in range(60):
         E = fourier.synthesis(H, tau)
         f, slope = np.einsum("ij,ji->i", E, c) - level, np.einsum("ij,ji->i", E, rate)

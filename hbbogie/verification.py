@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.integration import positive
+from hbbogie.jumps import Passages, passages_along, passages_of
 from hbbogie.results import Orbit, Stability
 from hbbogie.shooting import SINGULAR, TO_LEGENDRE, Path, Pattern, Shooting, Step, states_at
 from hbbogie.system import System
@@ -104,11 +105,20 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     elements meet and the durations at once, which also holds on to unstable and to stiff cycles; the
     monodromy matrix is the product of the elements' transition matrices. Afterwards every contact is looked
     for inside every element; where one was missed, the order of contacts is taken from the new motion.
-    A kink that is not an element costs many elements; a law that jumps ends in a `ConvergenceError`.
+    Where an element jumps, the motion must pass: one that sticks ends in a `ConvergenceError`. The
+    monodromy matrix contains the jump matrices (eq-jump). A kink that is not an element costs many elements; a jump
+    that is not ends in a `ConvergenceError`.
     """
     _check(system, orbit)
     tolerance = positive("tolerance", tolerance, "1")
-    shooting, path, step = _closed(system, orbit, tolerance)
+    try:
+        shooting, path, step = _closed(system, orbit, tolerance)
+    except ConvergenceError as error:
+        waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
+        _check_passing(passages_along(waveform, np.append(waveform.switchings(), 2 * np.pi)), orbit, error)
+        raise
+    passages = passages_of(shooting, path)
+    _check_passing(passages, orbit)
     halves = shooting.linearise(shooting.split(path, step.f, np.full(len(path.x), 2)))
     closure = max(float(np.abs(halves.gap).max()), float(np.abs(step.off).max(initial=0.0)))
     omega = float(2 * np.pi / path.durations.sum())
@@ -125,7 +135,7 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
         )
     coefficients, distance = _aligned(shooting, path, step, orbit)
     isolated = shooting.isolation(path, step) > SINGULAR
-    stability = _stability(step)
+    stability = _stability(step, passages)
     status = _status(path, shooting, closure, distance, isolated)
     changes = {"method": f"multiple shooting, {len(path.x)} elements", "residual": closure, "status": status}
     polished = orbit.replace(coefficients=coefficients, omega=omega, stability=stability, **changes)
@@ -141,6 +151,12 @@ def _check(system: System, orbit: Orbit) -> None:
         raise ModelError("the orbit has coefficients that are not finite; give a cycle that was solved for.")
     if not orbit.H or not np.abs(orbit.coefficients[1:]).max() > 0:
         raise ModelError("the orbit is an equilibrium, there is nothing to polish; give a cycle.")
+
+
+def _check_passing(passages: Passages, orbit: Orbit, error: ConvergenceError | None = None) -> None:
+    """Raise `ConvergenceError` where the motion sticks at a jump."""
+    if passages.sticking:
+        raise ConvergenceError(f"system {orbit.system!r}: {passages.sticking}.", orbit=orbit) from error
 
 
 def _status(path: Path, shooting: Shooting, closure: float, distance: float, isolated: bool) -> str:
@@ -207,8 +223,8 @@ def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
         )
     columns = [np.empty((S, 0))]
     for i, (offset, stiffness, k_, g_) in enumerate(waveform.ramps):
-        on = active[:, owner == i]
-        columns.append(np.column_stack([stiffness + on @ k_, offset - on @ (waveform.directions[i] * k_ * g_)]))
+        on, heights = active[:, owner == i], waveform.directions[i] * (waveform.heights[i] - k_ * g_)
+        columns.append(np.column_stack([stiffness + on @ k_, offset + on @ heights]))
     contact, level = np.array([e[1] for e in events], dtype=int), np.array([e[2] for e in events])
     return Pattern(starts, lengths, contact, level, np.hstack(columns)), active
 
@@ -316,9 +332,12 @@ def _peaks(shooting: Shooting, path: Path, step: Step) -> dict[str, float]:
     return peaks
 
 
-def _stability(step: Step) -> Stability:
-    """Return multipliers and verdict from the transition matrices of the elements."""
-    multipliers = np.linalg.eigvals(product(step.transitions)).astype(complex)
+def _stability(step: Step, passages: Passages) -> Stability:
+    """Return multipliers and verdict from the transition matrices of the elements and those of the jumps."""
+    if passages.corner:
+        none = np.full(step.gap.shape[1], np.nan, dtype=complex)
+        return Stability("unknown", none, float("nan"), 0, f"{passages.corner}.")
+    multipliers = np.linalg.eigvals(product(passages.inserted(step.transitions))).astype(complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
     trivial = int(np.argmin(np.abs(multipliers - 1)))
     error = float(abs(multipliers[trivial] - 1))

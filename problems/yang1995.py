@@ -43,7 +43,8 @@ from hbbogie import (
     solve,
     trace,
 )
-from hbbogie.cycles import crossings
+from hbbogie.curves import estimate, judged
+from hbbogie.cycles import ORDERS, crossings
 from hbbogie.report import Progress, Report
 from hbbogie.tables import Table
 
@@ -222,7 +223,7 @@ def identification(system: System, progress: Progress, **options: Any) -> Report
 
 # --- the main job: Table 1 beside multi-harmonic balance and integration -------------------------
 
-HARMONICS = 15
+TOLERANCE = 1e-3  # error of frequency and waveform by shooting that decides how many harmonics are taken
 TRUTH = 61  # highest harmonic that the others are compared with
 PUSHED = {"q1": 0.03, "q3": 0.03}  # m; both wheelsets against the flange, as in Fig. 6 of the paper
 EL, NI, MHB, RK4 = "printed EL", "printed NI", "MHB", "RK4"
@@ -255,29 +256,30 @@ def study(system: System, progress: Progress) -> Report:
     if not hopf:
         note = f"No Hopf point between V = {RANGE[0]:g} and {RANGE[1]:g} m/s: no hunting begins there."
         return Report(system.name, notes=(note,))
-    balance = HarmonicBalance(HARMONICS).equations(system)
-    progress("branch of hunting cycles", 0.05)
-    branch = trace(balance, hopf[0], PARAMETER, RANGE)
-    judged = []
-    for i, orbit in enumerate(branch.orbits):
-        progress("Floquet multipliers along the branch", 0.1 + 0.2 * i / len(branch))
-        judged.append(orbit.replace(stability=floquet(system, orbit)))
-    branch = branch.with_orbits(judged)
+    progress("branch of hunting cycles and its stability", 0.05)
+    for H in ORDERS:
+        balance = HarmonicBalance(H).equations(system)
+        branch = trace(balance, hopf[0], PARAMETER, RANGE)
+        error, resolved = estimate(system, [branch], H, TOLERANCE)
+        if error <= TOLERANCE:
+            break
+    branch = judged(system, branch)
     rows = []
     for i, state in enumerate(TABLE_1):
         progress(f"state {state.state} of Table 1", 0.3 + 0.4 * i / len(TABLE_1))
         rows.append(compare(system, balance, branch, hopf[0], state))
     progress(f"highest harmonics 1 to {TRUTH}", 0.7)
-    convergence = harmonic_convergence(system, rows, hopf[0])
-    tables = (table_of_states(rows), table_of_deviations(rows), convergence)
+    convergence = harmonic_convergence(system, rows, hopf[0], H)
+    tables = (table_of_states(rows, H), table_of_deviations(rows), convergence)
     both = [o.replace(stability=floquet(system, o)) for o in crossings(balance, branch, 90.0)]
     folds = [f"{f.value:.4f} m/s" for f in branch.folds()]
     notes = (
         f"Linear critical speed {hopf[0].value:.3f} m/s, omega {hopf[0].omega:.4f} rad/s "
         f"({hopf[0].omega / (2 * np.pi):.4f} Hz); printed: 91.00 m/s, 26.96 rad/s.",
-        f"Nonlinear critical speed (fold) with {HARMONICS} harmonics: {', '.join(folds) or 'none in the range'}. "
+        f"Nonlinear critical speed (fold) with harmonics up to {H}: {', '.join(folds) or 'none in the range'}. "
         "Below it there is no hunting cycle.",
         f"The branch: {branch.ends[0]}; {branch.ends[1]}.",
+        *resolved,
     )
     figures = _figures(branch, hopf[0], both, convergence)
     data = {
@@ -334,7 +336,7 @@ def _computed(row: Comparison) -> tuple[float | None, float | None, float | None
     return row.orbit.omega, row.orbit.amplitude("q1"), row.orbit.amplitude("q3")
 
 
-def table_of_states(rows: list[Comparison]) -> Table:
+def table_of_states(rows: list[Comparison], H: int) -> Table:
     """Return Table 1 of the paper with our columns beside the printed ones."""
     columns = ["state", "V [m/s]"]
     columns += [f"omega {m} [rad/s]" for m in (EL, NI, MHB, RK4)]
@@ -349,7 +351,7 @@ def table_of_states(rows: list[Comparison]) -> Table:
     formats = ("d", ".2f", ".2f", ".2f", ".3f", ".3f", *[".1f", ".1f", ".3f", ".3f"] * 2, "")
     notes = (
         "EL: equivalent linearisation; NI: numerical integration (its printed frequencies are read off a 5 ms grid). "
-        f"MHB: multi-harmonic balance, odd harmonics up to {HARMONICS}; RK4: our integration, step 1 ms. "
+        f"MHB: multi-harmonic balance, odd harmonics up to {H}; RK4: our integration, step 1 ms. "
         "a1, a2: peak of the lateral displacement of the front and rear wheelset.",
         *(f"State {r.printed.state}: {r.remark}." for r in rows if r.remark),
     )
@@ -375,14 +377,14 @@ def table_of_deviations(rows: list[Comparison]) -> Table:
     return Table("deviations", "Deviation of multi-harmonic balance", columns, tuple(body), formats)
 
 
-def harmonic_convergence(system: System, rows: list[Comparison], hopf: SpecialPoint) -> Table:
+def harmonic_convergence(system: System, rows: list[Comparison], hopf: SpecialPoint, taken: int) -> Table:
     """Return how frequency, peaks and fold depend on the highest harmonic, over the stable states of Table 1."""
     stable = [r.orbit for r in rows if r.orbit is not None and r.integrated is not None]
     values: dict[int, list[Any]] = {}
     folds: dict[int, float | None] = {}
-    for H in (TRUTH, 1, 3, 5, 9, HARMONICS):
+    for H in sorted({TRUTH, 1, 3, 5, 9, taken}, reverse=True):
         balance = HarmonicBalance(H).equations(system)
-        branch = trace(balance, hopf, PARAMETER, RANGE)
+        branch = trace(balance, hopf, PARAMETER, RANGE, stability=False)
         folds[H] = branch.folds()[0].value if branch.folds() else None
         values[H] = []
         for orbit in stable:

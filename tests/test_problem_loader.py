@@ -29,7 +29,7 @@ def write(folder, text, name="mine.py"):
 
 
 def test_shipped_problems():
-    assert set(shipped_problems()) >= {"yang1995", "van_der_pol", "duffing", "bautin", "gap_oscillator"}
+    assert set(shipped_problems()) >= {"yang1995", "van_der_pol", "duffing", "bautin", "gap_oscillator", "piecewise"}
     assert list(shipped_problems()) == sorted(shipped_problems())
 
 

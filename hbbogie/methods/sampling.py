@@ -43,6 +43,10 @@ class Sampling:
             states.append(x + ca.repmat(mean, 1, len(tau)) if d == 0 else x)
         return states, tau
 
+    def interval(self, z: ca.MX) -> ca.MX:
+        """Return the time between samples [s], over which jumps are spread."""
+        return 2 * np.pi / (self.layout.samples * self.layout.unpack(z)[2]) if self.layout.moving else ca.MX(0)
+
     def projection(self, count: int) -> ca.DM:
         """Return the matrix that maps ``count`` samples to the coefficients kept."""
         rows = fourier.rows_of(self.layout.kept)
@@ -57,22 +61,24 @@ class Sampling:
         if not rows:
             return ca.MX(0, 0)
         states, tau = self.states(z)
-        f = self.layout.parts.remainder.map("forces", "serial", len(tau), [3], [])(*states, p)
+        f = self.layout.parts.remainder.map("forces", "serial", len(tau), [3, 4], [])(*states, p, self.interval(z))
         return ca.mtimes(self.projection(len(tau)), f[list(rows), :].T)
 
     def jacobian(self, z: ca.MX, p: ca.MX, free: Sequence[int]) -> ca.MX:
         """Return the derivative of vec(`coefficients`) with respect to (z, p[free]).
 
         A slope times a signal has as its coefficients a Toeplitz-plus-Hankel matrix of the slope's moments
-        times those of the signal, exactly so for sums over the samples as well.
+        times those of the signal, exactly so for sums over the samples as well. Jumps are straight lines over the
+        time between samples, which the frequency changes.
         """
         layout, parts = self.layout, self.layout.parts
         rows, (X, _, omega), (states, tau) = parts.remainder_rows, layout.unpack(z), self.states(z)
-        sx = [ca.SX.sym(s, layout.n) for s in "qva"] + [ca.SX.sym("p", self.n_p)]
-        r = parts.remainder(*sx)[list(rows)]
-        slopes = [ca.jacobian(r, s)[:, list(layout.S)] for s in sx[:3]] + [ca.jacobian(r, sx[3])[:, list(free)]]
+        sx = [ca.SX.sym(s, layout.n) for s in "qva"] + [ca.SX.sym("p", self.n_p), ca.SX.sym("dt")]
+        r, dt = parts.remainder(*sx)[list(rows)], self.interval(z)
+        slopes = [ca.jacobian(r, s)[:, list(layout.S)] for s in sx[:3]]
+        slopes += [ca.jacobian(r, sx[3])[:, list(free)], ca.jacobian(r, sx[4])]
         f = ca.Function("slopes", sx, [ca.densify(ca.vec(s)) for s in slopes])
-        values = f.map("slopes", "serial", len(tau), [3], [])(*states, p)
+        values = f.map("slopes", "serial", len(tau), [3, 4], [])(*states, p, dt)
         kept, length = fourier.rows_of(layout.kept), np.pi if layout.odd else 2 * np.pi
         table = product_table(layout.H, kept, length)
         moments = ca.DM(_moments(layout.H, tau, length))
@@ -99,6 +105,8 @@ class Sampling:
                 columns.append(block)
             moving = ca.horzcat(*columns)[:, list(map(int, layout.keep))] if layout.moving else ca.MX(len(kept), 0)
             A = self.projection(len(tau))
+            if layout.moving and slopes[4].sparsity().has_nz(i, 0):
+                d_omega -= ca.mtimes(A, values[4][i, :].T) * dt / omega
             d_p = [ca.mtimes(A, values[3][k * len(rows) + i, :].T) for k in range(len(free))]
             blocks.append(
                 ca.horzcat(moving, *([d_mean] if layout.means else []), *([d_omega] if layout.moving else []), *d_p)

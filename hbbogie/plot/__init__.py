@@ -5,14 +5,22 @@ The only module that imports matplotlib. The style is set for the figures made h
 
 from hbbogie.plot.appearance import figure_of, one_legend, panels, save, style
 from hbbogie.plot.branches import branch, frequency, multipliers, multipliers_along
+from hbbogie.plot.charts import chart, coexistence, coexistence_width
 from hbbogie.plot.design import gains, scatter
+from hbbogie.plot.motions import basin, delays, hysteresis
 from hbbogie.plot.orbits import orbit, spectrum, time_history, waveform
 
 __all__ = [
+    "basin",
     "branch",
+    "chart",
+    "coexistence",
+    "coexistence_width",
+    "delays",
     "figure_of",
     "frequency",
     "gains",
+    "hysteresis",
     "multipliers",
     "multipliers_along",
     "one_legend",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -225,47 +226,56 @@ def _over_parameter(
         at_zero = hopf_at_zero and s.kind == "hopf"
         level = 0.0 if at_zero else float(height(Branch((s.orbit,), s.parameter))[0])
         marks.append((s.kind, s.value, level))
-    folds = [np.array(m[1:]) for m in marks if m[0] == "fold"]
+    joints = [np.array(m[1:]) for m in marks if m[0] != "hopf"]
     # one branch: colour and line tell the verdict; several: the colour tells the branch
-    several = len(many) > 1 or labels is not None
+    several, met = len(many) > 1 or labels is not None, set[str]()
     for i, b in enumerate(many):
         shades = dict.fromkeys(LINES, COLOURS[i % len(COLOURS)]) if several else SHADES
-        _verdict_lines(ax, np.column_stack([b.values, height(b)]), b.verdicts, shades, folds)
+        met |= _verdict_lines(ax, np.column_stack([b.values, height(b)]), b.verdicts, shades, joints)
         if several:
             ax.plot([], [], color=shades["stable"], label=labels[i] if labels else f"branch {i + 1}")
-    met = {v for b in many for v in b.verdicts} - {*ax.get_legend_handles_labels()[1]}
-    for verdict in (v for v in LINES if v in met):
+    for verdict in (v for v in LINES if v in met - {*ax.get_legend_handles_labels()[1]}):
         shade = "#777777" if several else SHADES[verdict]
         ax.plot([], [], ls=LINES[verdict], color=shade, lw=1.7, label=verdict)
-    _mark(ax, marks, many[0].parameter)
+    _mark(ax, list(dict.fromkeys(marks)), many[0].parameter)
 
 
 def _verdict_lines(
-    ax: Axes, points: Array, verdicts: Sequence[str], shades: Mapping[str, str], folds: Sequence[Array]
-) -> None:
-    """Draw a curve, points of shape (k, 2), in pieces of one verdict; neighbours meet in a joint."""
+    ax: Axes, points: Array, verdicts: Sequence[str], shades: Mapping[str, str], special: Sequence[Array]
+) -> set[str]:
+    """Draw a curve, points of shape (k, 2), in pieces of one verdict that meet in joints; return the verdicts."""
+    # at a special point itself the verdict is open, as it must be: the point is the joint of its neighbours
+    closed = [verdicts[i] != "unknown" or not any(np.array_equal(p, s) for s in special) for i, p in enumerate(points)]
+    if sum(closed) > 1:
+        points, verdicts = points[closed], [v for v, keep in zip(verdicts, closed, strict=True) if keep]
     cuts = [i for i in range(1, len(points)) if verdicts[i] != verdicts[i - 1]]
-    joints = {i: [_joint(points[i - 1], points[i], folds)] for i in cuts}
+    joints = {i: [_joint(points[i - 1], points[i], special)] for i in cuts}
     for start, stop in zip([0, *cuts], [*cuts, len(points)], strict=True):
         piece = np.vstack([*joints.get(start, []), points[start:stop], *joints.get(stop, [])])
         verdict = verdicts[start]
         dress = {"ls": LINES[verdict], "color": shades[verdict], "lw": 2.0 if verdict == "stable" else 1.7}
         ax.plot(*piece.T, marker="o" if len(points) == 1 else "", label="_", zorder=3, **dress)
+    return set(verdicts)
 
 
-def _joint(a: Array, b: Array, folds: Sequence[Array]) -> Array:
-    """Return the fold that lies between two neighbouring points of a curve, or the middle of them."""
-    for fold in folds:
-        size = np.maximum(np.abs([a, b, fold]).max(axis=0), 1e-300)
-        way, detour = np.linalg.norm((b - a) / size), np.linalg.norm(([a, b] - fold) / size, axis=1)
+def _joint(a: Array, b: Array, special: Sequence[Array]) -> Array:
+    """Return the special point that lies between two neighbouring points of a curve, or the middle of them."""
+    for point in special:
+        size = np.maximum(np.abs([a, b, point]).max(axis=0), 1e-300)
+        way, detour = np.linalg.norm((b - a) / size), np.linalg.norm(([a, b] - point) / size, axis=1)
         if detour.sum() < 1.5 * way:
-            return fold
+            return point
     return (a + b) / 2
 
 
 def _mark(ax: Axes, marks: Sequence[tuple[str, float, float]], parameter: str) -> None:
     """Mark special points (kind, value, height); the values stand in the legend."""
-    dress = {"fold": ("D", "fold"), "hopf": ("s", "Hopf point")}
+    dress = {"fold": ("D", "fold"), "hopf": ("s", "Hopf point"), "grazing": ("o", "grazing")}
+    dress |= {
+        "pitchfork": ("^", "pitchfork"),
+        "period doubling": ("v", "period doubling"),
+        "branch point": ("X", "branch point"),
+    }
     for kind in dict.fromkeys(m[0] for m in marks):
         marker, text = dress.get(kind, ("P", kind))
         some = [m[1:] for m in marks if m[0] == kind]
@@ -273,7 +283,10 @@ def _mark(ax: Axes, marks: Sequence[tuple[str, float, float]], parameter: str) -
         if len(places) <= 2:
             text += f" ({parameter} = {', '.join(places)})"
         u, w = zip(*some, strict=True)
-        ax.plot(u, w, marker, label=text, zorder=5, ms=6.5, color=INK, mec="white", mew=1.0, ls="none")
+        look: dict[str, Any] = {"ms": 6.5, "color": INK, "mec": "white", "mew": 1.0}
+        if kind == "grazing":  # often next to a fold, which it must not hide
+            look = {"ms": 9.0, "mfc": "none", "mec": INK, "mew": 0.9}
+        ax.plot(u, w, marker, label=text, zorder=5, ls="none", **look)
 
 
 def _judged(orbits: Sequence[Orbit]) -> list[tuple[Orbit, NDArray[np.complex128]]]:

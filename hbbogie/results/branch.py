@@ -26,7 +26,8 @@ class SpecialPoint:
     Attributes
     ----------
     kind : str
-        "hopf" or "fold".
+        "hopf", "fold", "branch point", "pitchfork" (the symmetry breaks), "period doubling", "Neimark-Sacker" or
+        "grazing" (a contact begins or ceases to close).
     parameter : str
         Name of the parameter.
     value : float, unit of the parameter
@@ -37,7 +38,12 @@ class SpecialPoint:
         The cycle at the point; at a Hopf point the small linear cycle along the critical mode, scaled
         to a largest coordinate of 1 in its unit.
     status : str
-        How well it is located, a sentence.
+        What happens and how well it is located, a sentence.
+    onward : Orbit or None
+        At a branch point, pitchfork or period doubling: a first guess of a cycle on the branch that begins here.
+    criticality : {"subcritical", "supercritical", ""}
+        Of a Hopf point from which a branch was traced: whether cycles begin beside the stable or the unstable
+        equilibrium.
     """
 
     kind: str
@@ -46,6 +52,8 @@ class SpecialPoint:
     interval: tuple[float, float]
     orbit: Orbit
     status: str
+    onward: Orbit | None = None
+    criticality: str = ""
 
     @property
     def omega(self) -> float:
@@ -117,8 +125,14 @@ class Branch:
             data |= extra
             data["special_kind"] = ("special", np.array([s.kind for s in self.special], dtype=str))
             data["special_status"] = ("special", np.array([s.status for s in self.special], dtype=str))
+            data["special_criticality"] = ("special", np.array([s.criticality for s in self.special], dtype=str))
             data["special_value"] = ("special", [s.value for s in self.special])
             data["special_interval"] = (("special", "bound"), [s.interval for s in self.special])
+        beginning = [i for i, s in enumerate(self.special) if s.onward is not None]
+        if beginning:
+            extra, _ = pack([s.onward for s in self.special if s.onward is not None], "onward", prefix="onward_")
+            data |= extra
+            data["onward_of"] = ("onward", beginning)
         return xr.Dataset(
             data,
             coords=labels_of(self.orbits[0]),
@@ -130,6 +144,9 @@ class Branch:
         """Return the branch kept in a dataset made by `to_dataset`."""
         parameter = str(data.attrs["continuation_parameter"])
         special: list[SpecialPoint] = []
+        onward = {}
+        if "onward_of" in data:
+            onward = dict(zip(map(int, data["onward_of"].values), unpack(data, prefix="onward_"), strict=True))
         if "special_kind" in data:
             for i, orbit in enumerate(unpack(data, prefix="special_")):
                 special.append(
@@ -140,6 +157,8 @@ class Branch:
                         tuple(float(b) for b in data["special_interval"].values[i]),  # type: ignore[arg-type]
                         orbit,
                         str(data["special_status"].values[i]),
+                        onward.get(i),
+                        str(data["special_criticality"].values[i]),
                     )
                 )
         ends = json.loads(data.attrs["ends"])

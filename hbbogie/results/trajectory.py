@@ -123,7 +123,9 @@ class Trajectory:
         times, m = self.crossings(name), 1
         if len(times) > 1:
             scale = np.maximum(np.ptp(np.hstack([self.q, self.v]), axis=0), np.finfo(float).tiny)
-            m = self.recurrence(np.hstack(self.at(times[-24:])) / scale) * max(1, periods)
+            # one sample later: where a rate jumps at the crossing, that between the samples means nothing
+            later = np.minimum(times[-24:] + (self.t[1] - self.t[0]), self.t[-1])
+            m = self.recurrence(np.hstack(self.at(later)) / scale) * max(1, periods)
         if len(times) <= m:
             raise ModelError(
                 f"trajectory of {self.system!r}: {name!r} crosses its mean upwards {len(times)} times in "

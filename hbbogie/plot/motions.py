@@ -1,0 +1,171 @@
+"""Figures of many motions: basins of attraction, hysteresis, delays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.ticker import NullFormatter, ScalarFormatter
+
+from hbbogie.plot.appearance import COLOURS, INK, Array, axes, legend, scale, styled
+from hbbogie.plot.branches import branch
+from hbbogie.results import Basin, Branch, Hysteresis, SpecialPoint
+
+# pale, so that the branch stands out: the stable cycle's colour where motions settle on it
+ENDS = {"rest": "#eef1f3", "cycle": "#bcd9ec", "undecided": "#f6dfa6"}
+NAMES = {"rest": "comes to rest", "cycle": "settles on a cycle", "undecided": "undecided"}
+
+
+@styled
+def basin(
+    scan: Basin,
+    branches: Sequence[Branch] = (),
+    special: Sequence[SpecialPoint] = (),
+    ax: Axes | None = None,
+    parameter_label: str | None = None,
+) -> Axes:
+    """Draw how motions end over the parameter and the initial amplitude, with the branches of cycles.
+
+    Parameters
+    ----------
+    scan : Basin
+    branches : sequence of Branch
+        Drawn over the map: stable solid, unstable dashed.
+    special : sequence of SpecialPoint
+        Points to mark besides those of the branches, such as Hopf points.
+    ax : Axes
+    parameter_label : str
+        Label of the axis, with unit, such as "speed V [m/s]".
+    """
+    ax = axes(ax, (7.2, 4.8))
+    factor, unit = scale(scan.unit or "1", [scan.amplitudes], ax.get_ylabel())
+    ax.set_ylabel(f"[{unit}]")  # the branch keeps the unit that stands on the axis
+    if branches:
+        _branch(ax, branches, scan.coordinate, special)
+    kinds = list(ENDS)
+    codes = np.array([[kinds.index(str(end)) for end in row] for row in scan.outcome])
+    x = np.repeat(_edges(scan.values[None]).T, codes.shape[1] + 1, axis=1)
+    rows = factor * _edges(scan.amplitudes)
+    y = np.vstack([rows[:1], 0.5 * (rows[:-1] + rows[1:]), rows[-1:]])
+    colours = ListedColormap(list(ENDS.values()))
+    mesh = ax.pcolormesh(x, y, codes, cmap=colours, norm=BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3), zorder=0.5)
+    mesh.set_edgecolor("face")  # no hairlines between cells
+    for kind in kinds:
+        if (scan.outcome == kind).any():
+            dress: dict[str, Any] = {
+                "marker": "s",
+                "s": 70,
+                "color": ENDS[kind],
+                "edgecolors": "#999999",
+                "linewidths": 0.6,
+            }
+            ax.scatter([], [], label=NAMES[kind], **dress)
+    ax.set_axisbelow(False)
+    ax.grid(False)
+    ax.set_xlim(x.min(), x.max())
+    ax.set_ylim(max(0.0, float(y.min())), y[:, -1].min())  # no corner without motions
+    ax.set_xlabel(parameter_label or scan.parameter)
+    ax.set_ylabel(f"initial amplitude of {scan.coordinate} [{unit}]")
+    return legend(ax)
+
+
+@styled
+def hysteresis(
+    runs: Hysteresis,
+    branches: Sequence[Branch] = (),
+    special: Sequence[SpecialPoint] = (),
+    ax: Axes | None = None,
+    parameter_label: str | None = None,
+) -> Axes:
+    """Draw the peaks while a parameter falls and rises over the branches of cycles.
+
+    Parameters
+    ----------
+    runs : Hysteresis
+    branches : sequence of Branch
+    special : sequence of SpecialPoint
+        Points to mark besides those of the branches, such as Hopf points.
+    ax : Axes
+    parameter_label : str
+        Label of the axis, with unit.
+    """
+    ax = axes(ax, (7.2, 4.8))
+    passages = [*runs.falling, *runs.rising]
+    factor, unit = scale(runs.unit or "1", [p.peaks for p in passages], ax.get_ylabel())
+    ax.set_ylabel(f"[{unit}]")
+    per_second = _per_second(runs.parameter_unit)
+    for some, name, shades in ((runs.falling, "falling", "Purples"), (runs.rising, "rising", "Greens")):
+        tones = colormaps[shades](np.linspace(0.9, 0.45, len(some)))
+        fast_to_slow = ", ".join(f"{abs(p.rate):g}" for p in some)
+        for p, tone in zip(some, tones, strict=True):
+            text = f"{name} by {fast_to_slow} {per_second} (dark to pale)" if p is some[0] else "_"
+            ax.plot(p.values, factor * p.peaks, color=tone, lw=1.3, zorder=2.5, label=text)
+            if np.isfinite(p.event):
+                ax.plot(p.event, factor * runs.level, "o", ms=4.5, mfc="white", mec=tone, mew=1.3, zorder=6)
+    if branches:
+        _branch(ax, branches, runs.coordinate, special)
+    ax.axhline(factor * runs.level, color=INK, lw=0.8, ls=":", zorder=1)
+    highest = max((float(p.peaks.max(initial=0.0)) for p in passages), default=1.0)
+    ax.set_xlim(*runs.interval)
+    ax.set_ylim(0, 1.06 * factor * highest)
+    ax.set_xlabel(parameter_label or runs.parameter)
+    ax.set_ylabel(f"peak of {runs.coordinate} [{unit}]")
+    return legend(ax)
+
+
+@styled
+def delays(runs: Hysteresis, ax: Axes | None = None) -> Axes:
+    """Draw how late oscillation dies out and starts over the rate, with the laws of smooth systems.
+
+    Parameters
+    ----------
+    runs : Hysteresis
+    ax : Axes
+    """
+    ax = axes(ax)
+    laws = (
+        (runs.late_falling, "dies out below the fold", "o", COLOURS[1], 2 / 3, "smooth fold: rate$^{2/3}$"),
+        (runs.late_rising, "starts beyond the Hopf point", "s", COLOURS[2], 1 / 2, "linear growth: rate$^{1/2}$"),
+    )
+    for late, name, marker, colour, power, law in laws:
+        known = late > 0
+        if not known.any():
+            continue
+        ax.loglog(runs.rates[known], late[known], marker + "-", color=colour, label=name)
+        anchor = np.flatnonzero(known)[-1]  # the slowest
+        reference = late[anchor] * (runs.rates / runs.rates[anchor]) ** power
+        ax.loglog(runs.rates, reference, ls="--", lw=1.0, color=colour, alpha=0.7, label=law)
+    ax.set_xticks(runs.rates, [f"{rate:g}" for rate in runs.rates])
+    ax.xaxis.minorticks_off()
+    ax.yaxis.set_major_formatter(ScalarFormatter())
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.set_xlabel(f"rate [{_per_second(runs.parameter_unit)}]")
+    ax.set_ylabel(f"delay in {runs.parameter} [{runs.parameter_unit or '1'}]")
+    return legend(ax)
+
+
+# --- what the figures share ---------------------------------------------------------------------
+
+
+def _branch(ax: Axes, branches: Sequence[Branch], coordinate: str, special: Sequence[SpecialPoint]) -> None:
+    """Draw branches with their special points, and a line across at each of these."""
+    branch(list(branches), y=coordinate, ax=ax, special=special)
+    for point in [*(s for b in branches for s in b.special), *special]:
+        ax.axvline(point.value, color=INK, lw=0.7, ls=":", zorder=1)
+
+
+def _edges(grid: Array) -> Array:
+    """Return the edges of cells about the middles in the rows of a grid, shape (k, m) -> (k, m + 1)."""
+    if grid.shape[1] == 1:
+        half = np.maximum(0.05 * np.abs(grid), 1e-9)
+        return np.hstack([grid - half, grid + half])
+    between = 0.5 * (grid[:, :-1] + grid[:, 1:])
+    return np.hstack([2 * grid[:, :1] - between[:, :1], between, 2 * grid[:, -1:] - between[:, -1:]])
+
+
+def _per_second(unit: str) -> str:
+    return f"{unit}²" if unit.endswith("/s") else "1/s" if unit in ("", "1") else f"{unit}/s"

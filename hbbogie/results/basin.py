@@ -1,0 +1,147 @@
+"""Basins of attraction: how every motion of a scan over initial amplitudes and parameter values ends."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.results.orbit import read, write
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+OUTCOMES = ("rest", "cycle", "undecided")
+
+
+@dataclass(frozen=True, eq=False)
+class Basin:
+    """How motions from many initial states end, over the values of a parameter.
+
+    Attributes
+    ----------
+    system : str
+    parameter, parameter_unit : str
+    values : ndarray, shape (values,), unit of the parameter
+    coordinate, unit : str
+        The coordinate in which amplitudes are given, and its unit.
+    factors : ndarray, shape (factors,)
+        By which the direction was multiplied: dimensionless along the unstable cycle, else the initial value of
+        the direction's first coordinate in its unit.
+    amplitudes : ndarray, shape (values, factors), unit of the coordinate
+        Initial amplitude: along the unstable cycle the factor times that cycle's peak, else the initial value.
+    direction : str
+        What the factors multiply, a phrase.
+    outcome : ndarray of str, shape (values, factors)
+        "rest", "cycle" or "undecided".
+    time : ndarray, shape (values, factors), s
+        After which it was decided, or given up.
+    reached : ndarray, shape (values, factors), unit of the coordinate
+        Peak of the stable cycle a motion settles on; 0 at rest, NaN where undecided.
+    reason : ndarray of str, shape (values, factors)
+        How it was decided, or why it was not.
+    unstable : ndarray, shape (values,), unit of the coordinate
+        Peak of the smallest unstable cycle; NaN where there is none.
+    stable : ndarray, shape (values,), unit of the coordinate
+        Peak of the largest stable cycle; NaN where there is none.
+    parameters : dict
+        The other parameters' values.
+    notes : tuple of str
+        What could not be computed and why.
+    """
+
+    system: str
+    parameter: str
+    parameter_unit: str
+    values: Array
+    coordinate: str
+    unit: str
+    factors: Array
+    amplitudes: Array
+    direction: str
+    outcome: NDArray[np.str_]
+    time: Array
+    reached: Array
+    reason: NDArray[np.str_]
+    unstable: Array
+    stable: Array
+    parameters: dict[str, float]
+    notes: tuple[str, ...] = ()
+
+    def count(self, outcome: str) -> NDArray[np.int_]:
+        """Return how many motions end so at each value of the parameter, shape (values,)."""
+        return np.asarray((self.outcome == outcome).sum(axis=1))
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the scan as a labelled dataset with units."""
+        import xarray as xr
+
+        grid, unit = (self.parameter, "factor"), {"units": self.unit}
+        data: dict[str, Any] = {
+            "outcome": (grid, self.outcome.astype(str), {"long_name": "how the motion ends"}),
+            "amplitude": (grid, self.amplitudes, unit | {"long_name": f"initial amplitude of {self.coordinate}"}),
+            "time": (grid, self.time, {"units": "s", "long_name": "time until decided or given up"}),
+            "reached": (grid, self.reached, unit | {"long_name": f"peak of {self.coordinate} in the end"}),
+            "reason": (grid, self.reason.astype(str)),
+            "unstable": (self.parameter, self.unstable, unit | {"long_name": "peak of the smallest unstable cycle"}),
+            "stable": (self.parameter, self.stable, unit | {"long_name": "peak of the largest stable cycle"}),
+        }
+        labels: dict[str, Any] = {
+            self.parameter: (self.parameter, self.values, {"units": self.parameter_unit}),
+            "factor": ("factor", self.factors, {"long_name": self.direction}),
+        }
+        attributes = {
+            "system": self.system,
+            "parameter": self.parameter,
+            "coordinate": self.coordinate,
+            "direction": self.direction,
+            "parameters": json.dumps(self.parameters),
+            "notes": json.dumps(self.notes),
+        }
+        return xr.Dataset(data, labels, attributes)
+
+    @staticmethod
+    def from_dataset(data: xr.Dataset) -> Basin:
+        """Return the scan kept in a dataset made by `to_dataset`."""
+        about, name = data.attrs, str(data.attrs["parameter"])
+        get = {key: data[key].values for key in (*data.data_vars, name, "factor")}
+        units = [str(data[key].attrs["units"]) for key in (name, "amplitude")]
+        return Basin(
+            str(about["system"]),
+            name,
+            units[0],
+            get[name],
+            str(about["coordinate"]),
+            units[1],
+            get["factor"],
+            get["amplitude"],
+            str(about["direction"]),
+            get["outcome"].astype(str),
+            get["time"],
+            get["reached"],
+            get["reason"].astype(str),
+            get["unstable"],
+            get["stable"],
+            json.loads(about["parameters"]),
+            tuple(json.loads(about["notes"])),
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the scan to a NetCDF file."""
+        write(self.to_dataset(), path)
+
+    @staticmethod
+    def load(path: str | Path) -> Basin:
+        """Read a scan from a NetCDF file written by `save`.
+
+        Raises
+        ------
+        ModelError
+            When the file is not there or was not written by `save`.
+        """
+        return read(path, Basin.from_dataset)
