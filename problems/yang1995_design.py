@@ -9,8 +9,8 @@ what springs and dampers from a catalogue allow without another layout. Four lim
 - passing disturbances: at the service speed every mode of the straight run has a damping ratio of at least 6 %, so
   that the response to a track defect has fallen to a tenth after six periods;
 - derailment: hunting at a tenth above the critical speed, the flange of the front wheelset is pressed against the
-  rail with 32 kN at most, half the static load of a wheel;
-- cost: the squares of the logarithms of all changes add up to 0.5 at most, a change of 27 % of each of seven.
+  rail with 32 kN at most, just below half the static load of a wheel;
+- cost: the squares of the logarithms of all changes add up to 0.5 at most, a factor of 1.31 on each of seven.
 
 The creep coefficients depend on the weather, the conicity on wear, stiffnesses and dampers scatter in manufacture;
 their factors are taken as independent.
