@@ -18,6 +18,7 @@ from PIL import Image
 import hbbogie as hb
 from hbbogie import plot
 from hbbogie.comparison_report import comparison_of
+from hbbogie.design_report import design_of
 from hbbogie.report import Report, figures_of_paper, identification, study
 from hbbogie.time_domain import basin_of, ramp_of
 
@@ -155,6 +156,12 @@ def main(wanted: list[str]) -> None:
             for name in chosen:
                 own_name = "basin" if name == "released" else name
                 save(figures[own_name](), f"yang1995_{name}")
+    chosen = [n for n in ("bifurcation", "scatter") if not wanted or f"design_{n}" in wanted]
+    if chosen:
+        redesigned = hb.load_problem("yang1995_design")
+        figures = design_of(redesigned, redesigned.SYSTEM(), samples=200).figures
+        for name in chosen:
+            save(figures[name](), f"design_{name}")
 
 
 if __name__ == "__main__":

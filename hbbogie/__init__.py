@@ -11,6 +11,7 @@ from hbbogie.comparison import compare
 from hbbogie.continuation import trace
 from hbbogie.critical import critical_speeds, fold
 from hbbogie.cycles import find_cycles
+from hbbogie.design import optimise
 from hbbogie.elements import Element
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import hopf_points
@@ -75,6 +76,7 @@ __all__ = [
     "last_orbit",
     "load_problem",
     "measure_attraction",
+    "optimise",
     "settle",
     "simulate",
     "simulate_ramp",

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from hbbogie import cli_chart as cli_chart  # adds its command
+from hbbogie import cli_design as cli_design  # adds its command
 from hbbogie import cli_methods as cli_methods  # adds its commands
 from hbbogie import cli_motion as cli_motion
 from hbbogie.commands import (

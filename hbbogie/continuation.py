@@ -120,6 +120,8 @@ def trace(
     elif end == CLOSED:
         beginning = CLOSED
     points, place = [b.turned() for b in backward[:0:-1]] + forward, len(backward) - 1
+    if end == CLOSED:  # begin one point later, so that the start lies between two others, should it be special
+        points = [*points[1:-1], points[1]]
     begins = isinstance(start, SpecialPoint) and (start.kind == "hopf" or start.onward is not None)
     if isinstance(start, SpecialPoint) and not begins and 0 < place < len(points) - 1:
         del points[place]  # its neighbours enclose it, and it is located anew

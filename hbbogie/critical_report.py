@@ -7,9 +7,13 @@ from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from hbbogie.coexistence import Coexistence, coexistence
 from hbbogie.critical import Critical, critical_speeds
 from hbbogie.curves import Progress, default_interval, silent
 from hbbogie.report import Report
+from hbbogie.stability import floquet
 from hbbogie.system import System
 from hbbogie.tables import Table, label
 
@@ -48,15 +52,19 @@ def critical_of(
         return Report(system.name, notes=(note,))
     first = found[0]
     notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}."]
-    folds, hopfs = ([c for c in found if c.kind == kind] for kind in ("fold", "hopf"))
-    if folds and hopfs and folds[0].value < hopfs[0].value:
+    progress("where rest and cycles coexist", None)
+    both = coexistence(system, found)
+    for c in both:
         notes.append(
-            f"Between {folds[0].value:.6g} and {hopfs[0].value:.6g} {unit}".rstrip()
-            + " the equilibrium is stable and cycles exist: a large disturbance starts them."
+            f"Between {c.interval[0]:.6g} and {c.interval[1]:.6g} {unit}".rstrip()
+            + " the equilibrium is stable and cycles exist: a disturbance larger than the unstable cycle starts them."
         )
-    figures: dict[str, Callable[[], Figure]] = {"tornado": partial(_tornado, found)}
+    figures: dict[str, Callable[[], Figure]] = (
+        {"tornado": partial(_tornado, found)} if any(c.gradient for c in found) else {}
+    )
     data = {"critical": [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]}
-    tables = (_values(found, unit), _gradients(system, found, unit))
+    data["coexistence"] = [{"interval": c.interval} for c in both]
+    tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
     return Report(f"{system.name}: critical values of {name}", tables, {}, figures, tuple(notes), data)
 
 
@@ -64,16 +72,56 @@ def _kind(c: Critical) -> str:
     return "Hopf point" if c.kind == "hopf" else "fold"
 
 
-def _values(found: list[Critical], unit: str) -> Table:
-    columns = ("kind", label(found[0].parameter, unit), "extremum", "omega [rad/s]", "frequency [Hz]")
-    notes = tuple(f"{_kind(c).capitalize()} at {c.value:.6g}: {c.status}." for c in found)
-    rows = tuple((_kind(c), c.value, c.extremum, c.omega, c.orbit.frequency) for c in found)
-    return Table("critical", "Critical values", columns, rows, ("", ".8g", "", ".7g", ".7g"), notes)
+def _values(system: System, found: list[Critical], unit: str) -> Table:
+    """Return the critical values with what certifies them."""
+    columns = ["kind", label(found[0].parameter, unit), "extremum", "omega [rad/s]", "frequency [Hz]"]
+    columns += ["residual [1]", "curvature", "distance of a multiplier from +1 [1]"]
+    notes = [f"{_kind(c).capitalize()} at {c.value:.6g}: {c.status}." for c in found]
+    if any(c.kind == "fold" for c in found):
+        notes.append(
+            "At a fold a second multiplier meets the trivial one at +1, as the root of the distance from the fold of the "
+            "exact cycles: here the harmonics left out show."
+        )
+    rows = []
+    for c in found:
+        shape = c.curvature if c.kind == "fold" and c.gradient else None
+        rows.append(
+            (_kind(c), c.value, c.extremum, c.omega, c.orbit.frequency, c.residual, shape, _beside_one(system, c))
+        )
+    formats = ("", ".8g", "", ".7g", ".7g", ".1e", ".3g", ".1e")
+    return Table("critical", "Critical values", tuple(columns), tuple(rows), formats, tuple(notes))
+
+
+def _beside_one(system: System, c: Critical) -> float | None:
+    """Return how far the second multiplier of a fold is from +1: of half the period where the cycle is odd."""
+    if c.kind != "fold":
+        return None
+    s = floquet(system, c.orbit)
+    m = s.multipliers if s.half_multipliers is None else s.half_multipliers
+    return float(np.sort(np.abs(m - 1))[1]) if len(m) > 1 and np.isfinite(m).all() else None
+
+
+def _disturbances(system: System, both: list[Coexistence], unit: str) -> list[Table]:
+    """Return the sizes of the unstable cycle where rest and cycles coexist."""
+    shown = system.nonlinear_coordinates or system.coordinate_names[:1]
+    tables = []
+    for i, c in enumerate(both):
+        units = [system.coordinates[system.index(q)].unit for q in shown]
+        columns = [label(c.parameter, unit), *(f"peak {label(q, u)}" for q, u in zip(shown, units, strict=True))]
+        rows = tuple((o.parameters[c.parameter], *(o.amplitude(q) for q in shown)) for o in c.thresholds)
+        note = (
+            "The smallest cycle, which is unstable: along its shape larger motions start cycles, smaller ones die out."
+        )
+        name = "disturbance" if len(both) == 1 else f"disturbance_{i + 1}"
+        formats = (".7g", *[".5g"] * len(shown))
+        tables.append(Table(name, "Disturbance that starts cycles", tuple(columns), rows, formats, (note,)))
+    return tables
 
 
 def _gradients(system: System, found: list[Critical], unit: str) -> Table:
     """Return gradients and elasticities, the most influential parameter first."""
-    names = sorted(found[0].gradient, key=lambda n: -max(abs(c.elasticities[n]) for c in found))
+    found = [c for c in found if c.gradient]
+    names = sorted(found[0].gradient, key=lambda n: -max(abs(c.elasticities[n]) for c in found)) if found else []
     per = f"{unit or '1'} per unit"
     columns = ["parameter", "unit", "value"]
     for c in found:
@@ -92,6 +140,7 @@ def _tornado(found: list[Critical]) -> Figure:
     """Draw the elasticities of the most influential parameters as bars."""
     from hbbogie import plot
 
+    found = [c for c in found if c.gradient]
     names = sorted(found[0].gradient, key=lambda n: -max(abs(c.elasticities[n]) for c in found))[:SHOWN][::-1]
     figure, ((ax,),) = plot.panels(1, 1, (7.0, 0.9 + 0.36 * len(names)))
     height = 0.8 / len(found)

@@ -302,7 +302,7 @@ def stability_of(system: System, orbit: Orbit) -> Stability | None:
     while verdict.verdict == "unknown" and 0 < finer.H <= MOST_HARMONICS // 2:
         try:
             equations = HarmonicBalance(2 * finer.H + 1).equations(system)
-            finer = solve(equations, finer, method="newton", **orbit.parameters)  # type: ignore[arg-type]
+            finer = solve(equations, finer, method="newton", **orbit.parameters)  # type: ignore[call-overload]
             if abs(finer.omega - orbit.omega) > 0.01 * orbit.omega:
                 break  # another cycle, as may happen close to a fold
             verdict = floquet(system, finer)

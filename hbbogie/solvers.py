@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie import optimum
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError, unknown_name
+from hbbogie.optimum import Limit, Optimum, Quantity
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
@@ -202,17 +204,49 @@ def _by_ipopt(problem: Problem, y: Array) -> tuple[Array, dict[str, Any]]:
     }
 
 
+@overload
 def solve(
     equations: Equations,
     guess: Orbit,
     *,
-    free: str | None = None,
+    free: str | None = ...,
+    amplitude: Mapping[str, float] | None = ...,
+    minimise: None = ...,
+    subject_to: Sequence[Limit] = ...,
+    method: str = ...,
+    tolerance: float = ...,
+    **fixed: float,
+) -> Orbit: ...
+
+
+@overload
+def solve(
+    equations: Equations,
+    guess: Orbit,
+    *,
+    free: str | Sequence[str] | None = ...,
+    amplitude: Mapping[str, float] | None = ...,
+    minimise: Quantity,
+    subject_to: Sequence[Limit] = ...,
+    method: str = ...,
+    tolerance: float = ...,
+    **fixed: float,
+) -> Optimum: ...
+
+
+def solve(
+    equations: Equations,
+    guess: Orbit,
+    *,
+    free: str | Sequence[str] | None = None,
     amplitude: Mapping[str, float] | None = None,
+    minimise: Quantity | None = None,
+    subject_to: Sequence[Limit] = (),
     method: str = "auto",
     tolerance: float = 1e-10,
     **fixed: float,
-) -> Orbit:
-    """Solve for a cycle, at given parameters or at a given amplitude with one parameter unknown.
+) -> Orbit | Optimum:
+    """Solve for a cycle: at given parameters, at a given amplitude with one parameter unknown, or the best one.
 
     Parameters
     ----------
@@ -220,12 +254,18 @@ def solve(
         From `HarmonicBalance(...).equations(system)` or another method.
     guess : Orbit
         Where the search begins; its parameter values are not used, but for that of ``free``.
-    free : str, optional
-        Name of the parameter to be found; asks for ``amplitude``.
+    free : str, or sequence of str, optional
+        Name of the parameter to be found, which asks for ``amplitude``; or names of those over which to minimise.
     amplitude : mapping of one coordinate name to float, optional
         First-harmonic amplitude of that coordinate, in its unit.
+    minimise : callable, optional
+        `optimum.Cycle` -> scalar expression, such as ``lambda cycle: cycle.parameter("V")`` for a fold: the cycle near
+        the guess at which it is smallest is found, see `optimum.minimise`.
+    subject_to : sequence of (callable, lower, upper)
+        Limits of further expressions of the cycle; None for no limit.
     method : {"auto", "newton", "ipopt"}
-        "auto" tries Newton's method first and goes to IPOPT, which keeps to the bounds, when that fails.
+        Without ``minimise``: "auto" tries Newton's method first and goes to IPOPT, which keeps to the bounds, when
+        that fails.
     tolerance : float
         Largest scaled residual accepted.
     **fixed : float
@@ -233,7 +273,7 @@ def solve(
 
     Returns
     -------
-    Orbit
+    Orbit, or with ``minimise`` an `optimum.Optimum`
 
     Raises
     ------
@@ -244,8 +284,18 @@ def solve(
 
     Examples
     --------
-    ``solve(balance, guess, V=100.0)``; ``solve(balance, guess, amplitude={"q1": 0.0104}, free="V")``
+    ``solve(balance, guess, V=100.0)``; ``solve(balance, guess, amplitude={"q1": 0.0104}, free="V")``;
+    ``solve(balance, guess, free=["V"], minimise=lambda cycle: cycle.parameter("V"))``
     """
+    if minimise is not None:
+        if amplitude is not None or free is None or method != "auto":
+            raise ModelError("solve: minimise= goes with free= and subject_to= only; leave amplitude= and method= out.")
+        names = [free] if isinstance(free, str) else list(free)
+        return optimum.minimise(equations, guess, names, minimise, subject_to, **fixed)
+    if subject_to:
+        raise ModelError("solve: subject_to= asks for minimise=; say what is to be smallest.")
+    if free is not None and not isinstance(free, str):
+        raise ModelError(f"solve: free={list(free)!r} asks for minimise=; with amplitude= give one name.")
     if method not in ("auto", "newton", "ipopt"):
         raise ModelError(f"solve: {unknown_name('method', method, ('auto', 'newton', 'ipopt'))}")
     conditions, target = _conditions(equations, free, amplitude, fixed)

@@ -6,6 +6,7 @@ The only module that imports matplotlib. The style is set for the figures made h
 from hbbogie.plot.appearance import figure_of, one_legend, panels, save, style
 from hbbogie.plot.branches import branch, frequency, multipliers, multipliers_along
 from hbbogie.plot.charts import chart, coexistence, coexistence_width
+from hbbogie.plot.design import gains, scatter
 from hbbogie.plot.motions import basin, delays, hysteresis
 from hbbogie.plot.orbits import orbit, spectrum, time_history, waveform
 
@@ -18,6 +19,7 @@ __all__ = [
     "delays",
     "figure_of",
     "frequency",
+    "gains",
     "hysteresis",
     "multipliers",
     "multipliers_along",
@@ -25,6 +27,7 @@ __all__ = [
     "orbit",
     "panels",
     "save",
+    "scatter",
     "spectrum",
     "style",
     "time_history",
