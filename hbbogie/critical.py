@@ -16,13 +16,14 @@ from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import Linearisation, hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.results import Orbit, SpecialPoint
-from hbbogie.solvers import Conditions, Problem
+from hbbogie.rootfinding import Conditions, Problem
 from hbbogie.system import System
 
 Array = NDArray[np.float64]
 ITERATIONS = 25
 FARTHEST = 0.2  # longest step of an unknown, in units of its scale: a guess near a fold is near it
 FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its value, below which there is no extremum
+COARSE = 15  # highest harmonic with which branches are traced in search of folds
 SHORTEST = 1e-3  # share of the way to new parameters at which the walk gives up
 
 
@@ -228,8 +229,7 @@ def _critical(found: _Solved, parameter: str) -> Critical:
     problem, y = found.problem, found.y
     equations, system = problem.equations, problem.equations.system
     m, p, place = equations.size, problem.parameters(y), problem.free[0]
-    everything = tuple(range(len(system.parameters)))
-    slopes = (found.multipliers / problem.row_scale) @ equations.derivatives(everything)(y[:m], p)[1].full()[:, m:]
+    slopes = equations.sensitivity()(y[:m], p, found.multipliers / problem.row_scale).full().ravel()
     slopes = slopes * problem.scale[-1]  # the objective was the scaled parameter
     gradient = {n: float(g) for i, (n, g) in enumerate(zip(system.parameter_names, slopes, strict=True)) if i != place}
     extremum = "minimum" if found.curvature > 0 else "maximum"
@@ -284,7 +284,7 @@ def critical_speeds(
     parameter: str = "V",
     interval: tuple[float, float] | None = None,
     *,
-    harmonics: int = 15,
+    harmonics: int = 21,
     **values: float,
 ) -> list[Critical]:
     """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
@@ -296,7 +296,7 @@ def critical_speeds(
     interval : (float, float), optional, unit of the parameter
         Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out.
     harmonics : int
-        Highest harmonic.
+        Highest harmonic of the folds; the branches that lead to them are traced with 15 at most.
     **values : float
         Parameter values, by name.
 
@@ -313,16 +313,16 @@ def critical_speeds(
     """
     system = system.with_parameters(**values)
     span = interval or default_reach(system, parameter)
-    equations = HarmonicBalance(harmonics).equations(system)
+    coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
     found: list[Critical] = []
     for hopf in hopf_points(system, parameter, span):
         found.append(hopf_gradient(system, hopf))
         try:
-            branch = trace(equations, hopf, parameter, span, families=False, stability=False)
-        except ConvergenceError:
+            branch = trace(coarse, hopf, parameter, span, families=False, stability=False)
+        except (ConvergenceError, ModelError):  # no cycle of the kept harmonics begins here
             continue
         for special in branch.folds():
-            located = _polished(equations, special)
+            located = _polished(fine, special)
             if not any(_same(located, other) for other in found):
                 found.append(located)
     return sorted(found, key=lambda c: c.value)

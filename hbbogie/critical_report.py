@@ -79,8 +79,8 @@ def _values(system: System, found: list[Critical], unit: str) -> Table:
     notes = [f"{_kind(c).capitalize()} at {c.value:.6g}: {c.status}." for c in found]
     if any(c.kind == "fold" for c in found):
         notes.append(
-            "At a fold a second multiplier meets the trivial one at +1, as the root of the distance from the fold of the "
-            "exact cycles: here the harmonics left out show."
+            "At a fold a second multiplier meets the trivial one at +1, with the root of the distance from the exact "
+            "fold: here the harmonics left out show."
         )
     rows = []
     for c in found:

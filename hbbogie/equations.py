@@ -40,6 +40,8 @@ class Equations:
     hessian : callable
         Places of free parameters -> casadi.Function (z, p, multipliers) -> second derivative of
         multipliers . F with respect to (z, p[free]), exact.
+    sensitivity : callable
+        () -> casadi.Function (z, p, multipliers) -> derivative of multipliers . F with respect to p, exact.
     coefficients : casadi.Function, (z, p) -> shape (2 H + 1, n), unit of the coordinate
         The Fourier coefficients of all coordinates.
     frequency : casadi.Function, z -> omega [rad/s] (0 for equilibria)
@@ -61,6 +63,7 @@ class Equations:
     residual: ca.Function
     derivatives: Callable[[tuple[int, ...]], ca.Function]
     hessian: Callable[[tuple[int, ...]], ca.Function]
+    sensitivity: Callable[[], ca.Function]
     coefficients: ca.Function
     frequency: ca.Function
     from_coefficients: Callable[[Array, float], Array]

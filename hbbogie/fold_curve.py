@@ -12,7 +12,8 @@ from hbbogie.continuation import trace
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.results import Orbit
-from hbbogie.solvers import Conditions, Problem, solve
+from hbbogie.rootfinding import Conditions, Problem
+from hbbogie.solvers import solve
 
 Array = NDArray[np.float64]
 SMALLEST = 1e-3  # first-harmonic amplitude, in units of its scale, at which a curve ends

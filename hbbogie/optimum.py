@@ -20,6 +20,21 @@ FARTHEST = 100.0  # distance a free parameter may go, in units of its first valu
 REACH, SMALLEST, BOXES = 0.2, 1e-4, 60  # how far one solution may go, in units of the scales, and how often
 ACTIVE = 1e-6  # multiplier, scaled, from which a limit counts as active
 SAMPLES = 64  # per period
+SOLVER: dict[str, Any] = {
+    "print_time": False,
+    "calc_lam_p": False,
+    "ipopt": {
+        "print_level": 0,
+        "sb": "yes",
+        "max_iter": 500,
+        "tol": 1e-10,
+        "constr_viol_tol": 1e-10,
+        "mu_init": 1e-3,
+        "bound_push": 1e-8,
+        "bound_frac": 1e-8,
+        "nlp_scaling_method": "none",  # the problem is scaled already
+    },
+}
 
 
 class Cycle:
@@ -180,13 +195,12 @@ def minimise(
     scale = np.append(equations.scale, size)
     f_scale = 1 / max(float(np.abs(df[0, columns] * scale).max()), 1e-300)
     rows = _row_scales(np.abs(dg[:, columns] * scale), program.sizes)
-    low, high = _limits(subject_to, program.sizes)
-    bounds = [system.parameters[i].bounds for i in places]
-    lower = np.append(equations.lower, np.maximum([b[0] for b in bounds], y[m:] - FARTHEST * size))
-    upper = np.append(equations.upper, np.minimum([b[1] for b in bounds], y[m:] + FARTHEST * size))
+    limits = [np.append(np.zeros(m), side / rows) for side in _limits(subject_to, program.sizes)]
+    ends = np.array([system.parameters[i].bounds for i in places]).T
+    lower = np.append(equations.lower, np.maximum(ends[0], y[m:] - FARTHEST * size)) / scale
+    upper = np.append(equations.upper, np.minimum(ends[1], y[m:] + FARTHEST * size)) / scale
     theta = np.concatenate([p, scale, equations.residual_scale, [f_scale], rows])
-    limits = np.concatenate([np.zeros(m), low / rows]), np.concatenate([np.zeros(m), high / rows])
-    x, result, count, done = _search(program.solver, y / scale, theta, (lower / scale, upper / scale), limits, reach)
+    x, result, count, done = _search(program.solver, y / scale, theta, (lower, upper), (limits[0], limits[1]), reach)
     y = x * scale
     p[list(places)] = y[m:]
     F = equations.residual(y[:m], p).full().ravel()
@@ -201,17 +215,20 @@ def minimise(
         )
     lam_g, lam_x = result["lam_g"].full().ravel(), result["lam_x"].full().ravel()
     f, df, _, dg = (np.atleast_2d(a.full()) for a in program.quantities(y[:m], p))
-    everything = tuple(range(len(system.parameters)))
-    dF = equations.derivatives(everything)(y[:m], p)[1].full()[:, m:]
     weights = lam_g[:m] / equations.residual_scale / f_scale, lam_g[m:] / rows / f_scale
-    slopes = df[0, m:] + weights[0] @ dF + (weights[1] @ dg[:, m:] if len(rows) else 0.0)
+    slopes = df[0, m:] + equations.sensitivity()(y[:m], p, weights[0]).full().ravel()
+    slopes = slopes + (weights[1] @ dg[:, m:] if len(rows) else 0.0)
     gradient = {n: float(slopes[i]) for i, n in enumerate(system.parameter_names) if i not in places}
-    parts = np.split(weights[1], np.cumsum(program.sizes)[:-1]) if program.sizes else []
-    scaled = np.split(lam_g[m:], np.cumsum(program.sizes)[:-1]) if program.sizes else []
+    parts, scaled = (_by_limit(values, program.sizes) for values in (weights[1], lam_g[m:]))
     held = [f"limit {i + 1}" for i, part in enumerate(scaled) if np.abs(part).max() > ACTIVE]
     labels = (*equations.unknowns, *free)
     held += [f"bound of {name}" for name, value in zip(labels, lam_x, strict=True) if abs(value) > ACTIVE]
     return Optimum(orbit, float(f[0, 0]), gradient, tuple(parts), tuple(held), residual, count, done)
+
+
+def _by_limit(values: Array, sizes: Sequence[int]) -> list[Array]:
+    """Return the entries of the limits, one array for each."""
+    return np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
 
 
 def _search(
@@ -306,25 +323,11 @@ def _build(equations: Equations, free: tuple[int, ...], functions: Sequence[Quan
     everything = ca.vertcat(*theta)
     # a gradient with structural zeros would be taken for one of its few entries only
     together, gradient = ca.vertcat(F / rows, g_y / g_rows), ca.densify(f_scale * df[columns] * scale.T)
-    options: dict[str, Any] = {
-        "print_time": False,
-        "calc_lam_p": False,
+    hessian = ca.Function("hess_lag", [x, everything, lam_f, lam_g], [H], ["x", "p", "lam_f", "lam_g"], ["hess_lag"])
+    options = SOLVER | {
         "grad_f": ca.Function("grad_f", [x, everything], [f_scale * f_y, gradient.T], ["x", "p"], ["f", "grad_f_x"]),
         "jac_g": ca.Function("jac_g", [x, everything], [together, J], ["x", "p"], ["g", "jac_g_x"]),
-        "hess_lag": ca.Function(
-            "hess_lag", [x, everything, lam_f, lam_g], [H], ["x", "p", "lam_f", "lam_g"], ["hess_gamma_x_x"]
-        ),
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "max_iter": 500,
-            "tol": 1e-10,
-            "constr_viol_tol": 1e-10,
-            "mu_init": 1e-3,
-            "bound_push": 1e-8,
-            "bound_frac": 1e-8,
-            "nlp_scaling_method": "none",  # the problem is scaled already
-        },
+        "hess_lag": hessian,
     }
     program = {"x": x, "p": everything, "f": f_scale * f_y, "g": together}
     return _Program(quantities, ca.nlpsol("optimum", "ipopt", program, options), sizes)

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from hbbogie.equations import Equations
 from hbbogie.results import Orbit
-from hbbogie.solvers import Conditions, Problem
+from hbbogie.rootfinding import Conditions, Problem
 
 Array = NDArray[np.float64]
 ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another branch

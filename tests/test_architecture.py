@@ -15,7 +15,7 @@ FLOORS = {
     "analysis": 2, "system": 2,
     "equations": 3, "integration": 3, "settling": 3, "variation": 3, "stability": 3, "hill": 3, "shooting": 3,
     "jumps": 3, "eigenvalues": 3,
-    "methods": 4, "solvers": 4, "optimum": 4, "ramp": 4, "minimax": 4,
+    "methods": 4, "solvers": 4, "optimum": 4, "rootfinding": 4, "ramp": 4, "minimax": 4,
     "guesses": 5, "verification": 5, "normal_form": 5, "solution_curve": 5, "switching": 5, "arclength": 5,
     "bifurcations": 6, "continuation": 6, "cycles": 6, "hopf_curve": 6, "following": 6, "identification": 6,
     "misfit": 6, "attraction": 6, "outcomes": 6,

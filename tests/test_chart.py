@@ -175,7 +175,7 @@ class TestBogie:
         for i in (len(fold) // 3, np.flatnonzero(fold.over_values > 0.09)[0]):
             lam = float(fold.over_values[i])
             found = hb.critical_speeds(
-                bogie.with_parameters(lam=lam), "V", (0.8 * fold.values[i], 1.2 * fold.values[i])
+                bogie.with_parameters(lam=lam), "V", (0.8 * fold.values[i], 1.2 * fold.values[i]), harmonics=15
             )
             (other,) = [c for c in found if c.kind == "fold"]
             assert fold.values[i] == pytest.approx(other.value, rel=1e-8)
@@ -190,7 +190,7 @@ class TestBogie:
             assert limit.omega[i] == pytest.approx(first.omega, rel=1e-8)
 
     def test_slopes_are_the_gradients(self, bogie, bogie_chart, limit):
-        gradients = {c.kind: c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0))}
+        gradients = {c.kind: c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0), harmonics=15)}
         for kind, curve in (("fold", bogie_chart.folds[0]), ("hopf", limit)):
             (i,) = np.flatnonzero(np.abs(curve.over_values - bogie.values["lam"]) < 1e-12)
             assert curve.values[i] == pytest.approx(gradients[kind].value, rel=1e-9)

@@ -16,7 +16,7 @@ CREEP = ("f11", "f22", "f23", "f33")
 
 @pytest.fixture(scope="module")
 def criticals(bogie):
-    return {c.kind: c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0))}
+    return {c.kind: c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0), harmonics=15)}
 
 
 def test_both_critical_speeds_of_the_bogie(criticals, branch):
@@ -102,7 +102,7 @@ def test_warm_folds_at_parameters_changed_by_a_fifth(bogie, criticals):
     for _ in range(3):
         changed = {n: v * rng.uniform(0.8, 1.2) for n, v in bogie.values.items() if n != "V"}
         system = bogie.with_parameters(**changed)
-        scratch = [c for c in hb.critical_speeds(system, "V", (40.0, 200.0)) if c.kind == "fold"]
+        scratch = [c for c in hb.critical_speeds(system, "V", (40.0, 200.0), harmonics=15) if c.kind == "fold"]
         if not scratch:
             continue
         warm = hb.fold(hb.HarmonicBalance(15).equations(system), criticals["fold"].orbit, "V")
@@ -123,3 +123,26 @@ def test_wrong_input(bogie, balance, branch):
     rest = hb.HarmonicBalance(0).equations(bogie)
     with pytest.raises(hb.ModelError, match="equilibria"):
         hb.fold(rest, branch.folds()[0], "V")
+
+
+def test_default_fold_is_close_to_the_limit_of_many_harmonics(bogie):
+    """88.76412 m/s, the limit of the folds with 31, 41 and 63 harmonics; 1e-5 is asked for."""
+    (fold,) = (c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0)) if c.kind == "fold")
+    assert fold.value == pytest.approx(88.76412, rel=1e-5)
+    assert fold.orbit.H == 21
+
+
+def test_sensitivity_is_the_product_with_the_jacobian(bogie, balance, branch):
+    """One sweep backwards gives what the Jacobian in all parameters gives; sampled forces included."""
+    import numpy as np
+
+    van_der_pol = hb.load_problem("van_der_pol").van_der_pol()
+    for equations, orbit in (
+        (balance, branch.orbits[-5]),
+        (hb.HarmonicBalance(9).equations(van_der_pol), hb.find_cycles(van_der_pol, harmonics=9, stability=False)[0]),
+    ):
+        z, p = equations.encode(orbit), equations.system.vector(**orbit.parameters)
+        weights = np.random.default_rng(0).standard_normal(equations.size)
+        J = equations.derivatives(tuple(range(len(p))))(z, p)[1].full()[:, equations.size :]
+        slopes = equations.sensitivity()(z, p, weights).full().ravel()
+        np.testing.assert_allclose(slopes, weights @ J, rtol=1e-10, atol=1e-12 * np.abs(J).max())

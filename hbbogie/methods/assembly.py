@@ -221,6 +221,10 @@ class Assembly:
         """Return (z, p, multipliers) -> second derivative of multipliers . F with respect to (z, p[free])."""
         return self._once(("hessian", free), lambda: self._build_hessian(free))
 
+    def sensitivity(self) -> ca.Function:
+        """Return (z, p, multipliers) -> derivative of multipliers . F with respect to all parameters."""
+        return self._once("sensitivity", self._build_sensitivity)
+
     def _once(self, key: Any, build: Callable[[], ca.Function]) -> ca.Function:
         if key not in self.built:
             self.built[key] = build()
@@ -237,6 +241,20 @@ class Assembly:
         if self.layout.parts.remainder_rows:
             J = J + ca.mtimes(J_c, self.sampling.jacobian(z, p, free))
         return ca.Function("dF", [z, p], [F, J], ["z", "p"], ["F", "J"])
+
+    def _build_sensitivity(self) -> ca.Function:
+        sx, lam = self._stage_symbols(), ca.SX.sym("multipliers", self.layout.size)
+        L = ca.dot(lam, self.stage(*sx))
+        slopes = [ca.densify(ca.gradient(L, sx[1])), ca.densify(ca.gradient(L, ca.vec(sx[3])))]
+        first = ca.Function("stage_slopes", [*sx[:4], lam], slopes)  # one sweep backwards, not a Jacobian
+        z, p = self._mx()
+        multipliers = ca.MX.sym("multipliers", self.layout.size)
+        m, c = self._first_stage(z, p)
+        L_p, L_c = first(z, p, m, c, multipliers)
+        if self.layout.parts.remainder_rows:
+            everything = tuple(range(self.n_p))
+            L_p = L_p + ca.mtimes(L_c.T, self.sampling.jacobian(z, p, everything)[:, self.layout.size :]).T
+        return ca.Function("sensitivity", [z, p, multipliers], [L_p], ["z", "p", "multipliers"], ["L_p"])
 
     def _build_hessian(self, free: tuple[int, ...]) -> ca.Function:
         sx = self._stage_symbols()

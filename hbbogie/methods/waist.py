@@ -43,6 +43,7 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
         assembly.residual,
         assembly.derivatives,
         assembly.hessian,
+        assembly.sensitivity,
         assembly.coefficients,
         assembly.frequency,
         layout.from_coefficients,
