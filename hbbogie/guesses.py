@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -70,6 +70,24 @@ class Linearisation:
             f"{self.system.parameter_names[self.place]} = {value:g}; narrow the range of the parameter."
         )
 
+    def growth(self, values: Sequence[float] | Array) -> list[Array]:
+        """Return the real parts of the oscillating modes [1/s], largest first, at each value of the parameter."""
+        system, N = self.system, len(values)
+        x, p = np.zeros((system.n_states, N)), np.repeat(self.p[:, None], N, axis=1)
+        p[self.place] = values
+        residual, jacobian = system.once(
+            ("along", N), lambda: (system.residual.map(N), system.ode_jacobian.map(N))
+        )  # one call for all values
+        rest = np.zeros((system.n, N))
+        if np.any(residual(rest, rest, rest, p).full()):
+            x[: system.n] = np.transpose([self.equilibrium(v) for v in values])
+        A = jacobian(x, p).full().reshape(len(x), N, len(x)).swapaxes(0, 1)
+        found = []
+        for eigenvalues in np.linalg.eigvals(A):
+            oscillating = eigenvalues.imag > 1e-9 * np.abs(eigenvalues).max(initial=1e-300)
+            found.append(-np.sort(-eigenvalues[oscillating].real))
+        return found
+
     def eigen(self, value: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return eigenvalues [1/s], largest real part first, and eigenvectors (columns)."""
         x = np.concatenate([self.equilibrium(value), np.zeros(self.system.n_states - self.system.n)])
@@ -121,12 +139,12 @@ def hopf_points(
     lo, hi = check_interval(system, parameter, interval)
     line = Linearisation(system, parameter)
     grid = np.linspace(lo, hi, points)
-    growth = [line.pairs(v)[0] for v in grid]
+    growth = line.growth(grid)
     found: list[SpecialPoint] = []
     for k in range(max((len(g) for g in growth), default=0)):
 
         def alpha(value: float, k: int = k) -> float:
-            real = line.pairs(value)[0]
+            (real,) = line.growth([value])
             return float(real[k]) if k < len(real) else float("nan")
 
         samples = np.array([g[k] if k < len(g) else np.nan for g in growth])
