@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar, root
 
-from hbbogie import fourier
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.results import Orbit, SpecialPoint
@@ -246,18 +245,18 @@ def first_cycle(equations: Equations, hopf: SpecialPoint) -> Orbit:
 
 def _touching(system: System, orbit: Orbit, wave: Array) -> float:
     """Return the factor at which the wave, added to the equilibrium, first touches a contact."""
-    p = system.vector(**orbit.parameters)
-    t = fourier.phases(4096)
-    E0, E1 = (fourier.synthesis(1, t, d) for d in (0, 1))
-    q, v, rest = E0 @ wave, orbit.omega * E1 @ wave, orbit.coefficients[0]
+    p, rest, omega = system.vector(**orbit.parameters), orbit.coefficients[0], orbit.omega
+    cosine, sine = wave[1], wave[2]
     factors = [np.inf]
     for element in system.elements:
         if element.ramps is None:
             continue
+        # the argument is affine, and so harmonic: its values at t = 0 and a quarter period later give its amplitude
         u0 = float(element.argument(rest, 0, p))
-        u = element.argument.map(len(t))(rest[:, None] + q.T, v.T, p).full().ravel() - u0
+        parts = (rest + cosine, omega * sine), (rest + sine, -omega * cosine)
+        reach = float(np.hypot(*(float(element.argument(q, v, p)) - u0 for q, v in parts)))
         for direction, g in zip(element.directions, element.ramps(p)[3].full().ravel(), strict=True):
-            reach, room = float((direction * u).max()), float(g) - direction * u0
+            room = float(g) - direction * u0
             if reach > 0 and room > 0:
                 factors.append(room / reach)
     return min(factors)
