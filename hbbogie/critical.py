@@ -69,7 +69,14 @@ class Critical:
         return {name: slope * p[name] / self.value for name, slope in self.gradient.items()}
 
 
-def fold(equations: Equations, guess: Orbit | SpecialPoint, parameter: str, *, tolerance: float = 1e-10) -> Critical:
+def fold(
+    equations: Equations,
+    guess: Orbit | SpecialPoint,
+    parameter: str,
+    *,
+    search: bool = True,
+    tolerance: float = 1e-10,
+) -> Critical:
     """Locate a fold, the extremum of a parameter over the cycles, with the gradient of its value.
 
     Newton's method on the conditions of optimality of the nonlinear program "extremum of the parameter subject to
@@ -83,6 +90,8 @@ def fold(equations: Equations, guess: Orbit | SpecialPoint, parameter: str, *, t
     guess : Orbit or SpecialPoint
         Near the fold, such as one of ``branch.folds()``.
     parameter : str
+    search : bool
+        Whether to go on in steps, and by tracing, where Newton's method fails from the guess.
     tolerance : float
         Largest scaled residual of the equations and of the conditions of optimality.
 
@@ -107,9 +116,9 @@ def fold(equations: Equations, guess: Orbit | SpecialPoint, parameter: str, *, t
         raise ModelError("fold: the equations are those of equilibria; ask for at least one harmonic.")
     orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess
     found = _newton(equations, place, orbit, system.vector(), tolerance)
-    if not found.converged and set(orbit.parameters) == set(system.parameter_names):
+    if search and not found.converged and set(orbit.parameters) == set(system.parameter_names):
         found = _walk(equations, place, orbit, tolerance) or found
-    if not found.converged:
+    if search and not found.converged:
         found = _by_tracing(equations, place, orbit, tolerance) or found
     if not found.converged:
         raise ConvergenceError(
