@@ -1,0 +1,332 @@
+"""Parameter points: grids, lists, Latin hypercubes, Sobol sequences, random and Saltelli samples.
+
+What a parameter may be is said by one value for each: a pair ``(low, high)`` is a uniform distribution, a frozen
+distribution of `scipy.stats` stands for itself, and a grid takes the values themselves.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.stats import qmc
+
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.studies.optional import required
+from hbbogie.system import System
+
+Array = NDArray[np.float64]
+INSIDE = 1e-12  # distance of a quantile from 0 and 1, where many distributions are infinite
+PREFIXES = {"": 1.0, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points in the space of some parameters.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters that vary.
+    values : ndarray, shape (N, number of names), unit of each parameter
+    kind : str
+        How the points were made, such as "grid" or "sobol".
+    seed : int or None
+        With which the same points are made again.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    kind: str
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.names or len(self.values) == 0:
+            raise ModelError("points: there is no parameter, or no point; give at least one of both.")
+        if len(set(self.names)) != len(self.names):
+            raise ModelError(f"points: a parameter is named twice among {', '.join(self.names)}.")
+        if not np.isfinite(self.values).all():
+            bad = self.names[int(np.flatnonzero(~np.isfinite(self.values).all(axis=0))[0])]
+            raise ModelError(f"points: parameter {bad!r} has a value that is not finite.")
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def point(self, i: int) -> dict[str, float]:
+        """Return point i as parameter values by name."""
+        return dict(zip(self.names, map(float, self.values[i]), strict=True))
+
+    def check(self, system: System) -> None:
+        """Raise `ModelError` where the system has no such parameter or does not allow one of the values."""
+        for name, column in zip(self.names, self.values.T, strict=True):
+            for value in (column.min(), column.max()):
+                system.with_parameters(**{name: float(value)})
+
+
+def as_points(points: Points | Mapping[str, Any] | Sequence[Mapping[str, float]]) -> Points:
+    """Return points as they are, of a mapping the grid, of a sequence of mappings the list."""
+    if isinstance(points, Points):
+        return points
+    return grid(points) if isinstance(points, Mapping) else listed(points)
+
+
+def grid(axes: Mapping[str, Any]) -> Points:
+    """Return all combinations of values, the last parameter varying fastest.
+
+    Parameters
+    ----------
+    axes : mapping from name to values, shape (k,), unit of the parameter
+    """
+    if not axes:
+        raise ModelError("grid: no parameter; give the values of at least one, such as {'lam': [0.02, 0.05]}.")
+    columns = [np.atleast_1d(np.asarray(v, dtype=float)) for v in axes.values()]
+    mesh = np.meshgrid(*columns, indexing="ij")
+    return Points(tuple(axes), np.stack([m.ravel() for m in mesh], axis=1), "grid")
+
+
+def listed(rows: Iterable[Mapping[str, float]]) -> Points:
+    """Return points as they are listed; every one names the same parameters."""
+    rows = list(rows)
+    names = tuple(rows[0]) if rows else ()
+    for i, row in enumerate(rows):
+        if set(row) != set(names):
+            raise ModelError(f"list of points: point {i} names {', '.join(row)}; the first one names {', '.join(names)}.")
+    return Points(names, np.array([[float(row[n]) for n in names] for row in rows]), "list")
+
+
+def from_csv(path: str | Path) -> Points:
+    """Return the points of a CSV file whose header names the parameters, with or without ``[unit]`` behind it.
+
+    Raises
+    ------
+    ModelError
+        When there is no such file, or a field is not a number: the message names its line.
+    """
+    if not Path(path).is_file():
+        raise ModelError(f"no file {str(path)!r} with points.")
+    with open(path, encoding="utf-8", newline="") as file:
+        reader = csv.reader(file)
+        names = [cell.partition("[")[0].strip() for cell in next(reader, [])]
+        rows = []
+        for cells in reader:
+            try:
+                rows.append({n: float(c) for n, c in zip(names, cells, strict=True)})
+            except ValueError:
+                raise ModelError(
+                    f"{path}, line {reader.line_num}: got {', '.join(cells)}; give {len(names)} numbers, one for each "
+                    f"of {', '.join(names)}."
+                ) from None
+    return listed(rows)
+
+
+def around(system: System, share: float, names: Sequence[str] | None = None) -> dict[str, tuple[float, float]]:
+    """Return the ranges from (1 - share) to (1 + share) times the system's values.
+
+    Parameters
+    ----------
+    system : System
+    share : float, dimensionless
+        Such as 0.2 for plus and minus 20 %.
+    names : sequence of str, optional
+        All parameters that enter an equation and are not zero where left out.
+    """
+    if names is None:
+        names = [n for n, v in system.values.items() if v and n not in system.inactive_parameters]
+    found = {}
+    for name in names:
+        value = system.values[system.parameter(name).name]
+        low, high = sorted((value * (1 - share), value * (1 + share)))
+        found[name] = (low, high)
+    return found
+
+
+def latin_hypercube(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points:
+    """Return a Latin hypercube: each parameter has exactly one point in each of ``count`` equally likely strata.
+
+    Parameters
+    ----------
+    distributions : mapping from name to (low, high) or a frozen distribution of scipy.stats
+        In the unit of the parameter.
+    count : int
+    seed : int
+    """
+    return _mapped(distributions, qmc.LatinHypercube(len(distributions), rng=seed).random(_count(count)), "lhs", seed)
+
+
+def sobol(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points:
+    """Return the first points of a scrambled Sobol sequence.
+
+    Parameters
+    ----------
+    distributions : mapping from name to (low, high) or a frozen distribution of scipy.stats
+        In the unit of the parameter.
+    count : int
+        A power of two keeps the balance of the sequence; another number is filled up and cut.
+    seed : int
+    """
+    exponent = int(np.ceil(np.log2(_count(count))))
+    cube = qmc.Sobol(len(distributions), rng=seed).random_base2(exponent)[:count]
+    return _mapped(distributions, cube, "sobol", seed)
+
+
+def random(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points:
+    """Return independent random points.
+
+    Parameters
+    ----------
+    distributions : mapping from name to (low, high) or a frozen distribution of scipy.stats
+        In the unit of the parameter.
+    count : int
+    seed : int
+    """
+    cube = np.random.default_rng(seed).random((_count(count), len(distributions)))
+    return _mapped(distributions, cube, "random", seed)
+
+
+def saltelli(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points:
+    """Return the sample that Sobol sensitivity indices need: ``count (k + 2)`` points of k parameters.
+
+    Parameters
+    ----------
+    distributions : mapping from name to (low, high) or a frozen distribution of scipy.stats
+        In the unit of the parameter.
+    count : int
+        Of base points; a power of two.
+    seed : int
+
+    References
+    ----------
+    A. Saltelli et al., Computer Physics Communications 181 (2010) 259-270; as implemented by SALib.
+    """
+    sampler = required("SALib.sample.sobol")
+    if _count(count) & (count - 1):
+        raise ModelError(f"saltelli: count = {count}; give a power of two, such as {2 ** int(np.log2(count) + 1)}.")
+    k = len(distributions)
+    problem = {"num_vars": k, "names": list(distributions), "bounds": [[0.0, 1.0]] * k}
+    cube = sampler.sample(problem, count, calc_second_order=False, seed=seed)
+    return _mapped(distributions, cube, "saltelli", seed)
+
+
+def _count(count: int) -> int:
+    if count < 1 or count != int(count):
+        raise ModelError(f"points: count = {count!r}; give a whole number of at least 1.")
+    return int(count)
+
+
+def _mapped(distributions: Mapping[str, Any], cube: Array, kind: str, seed: int) -> Points:
+    """Return the points of the unit cube through the quantile functions."""
+    if not distributions:
+        raise ModelError(f"{kind}: no parameter; give the range or distribution of at least one.")
+    columns = [
+        np.asarray(distribution(name, d).ppf(np.clip(u, INSIDE, 1 - INSIDE)), dtype=float)
+        for (name, d), u in zip(distributions.items(), cube.T, strict=True)
+    ]
+    return Points(tuple(distributions), np.stack(columns, axis=1), kind, seed)
+
+
+METHODS: dict[str, Callable[[Mapping[str, Any], int, int], Points]] = {
+    "latin_hypercube": latin_hypercube,
+    "sobol": sobol,
+    "random": random,
+    "saltelli": saltelli,
+}
+
+
+# --- distributions ----------------------------------------------------------------------------
+
+DISTRIBUTIONS = ("uniform", "normal", "truncated_normal", "lognormal", "triangular")
+
+
+def distribution(name: str, given: Any) -> Any:
+    """Return the frozen scipy distribution of a parameter: of a pair (low, high) the uniform one."""
+    if hasattr(given, "ppf"):
+        return given
+    try:
+        low, high = (float(v) for v in given)
+    except (TypeError, ValueError):
+        raise ModelError(
+            f"parameter {name!r}: got {given!r}; give (low, high) or a frozen distribution such as scipy.stats.norm(1, 2)."
+        ) from None
+    if not low < high:
+        raise ModelError(f"parameter {name!r}: got ({low:g}, {high:g}); give (low, high) with low < high.")
+    return stats.uniform(low, high - low)
+
+
+def named_distribution(kind: str, values: Mapping[str, float]) -> Any:
+    """Return the frozen scipy distribution of a name and its values.
+
+    Parameters
+    ----------
+    kind : str
+        "uniform" (low, high), "normal" (mean, deviation), "truncated_normal" (mean, deviation, low, high),
+        "lognormal" (median, deviation of the logarithm), "triangular" (low, mode, high), or any continuous
+        distribution of scipy.stats with its own keywords, such as "weibull_min" (c, scale).
+    values : mapping from name to float
+
+    Raises
+    ------
+    ModelError
+        For an unknown kind, or values that are missing, unknown or impossible.
+    """
+    makers: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
+        "uniform": (("low", "high"), lambda low, high: stats.uniform(low, high - low)),
+        "normal": (("mean", "deviation"), lambda mean, deviation: stats.norm(mean, deviation)),
+        "truncated_normal": (
+            ("mean", "deviation", "low", "high"),
+            lambda mean, deviation, low, high: stats.truncnorm(
+                (low - mean) / deviation, (high - mean) / deviation, mean, deviation
+            ),
+        ),
+        "lognormal": (("median", "deviation"), lambda median, deviation: stats.lognorm(deviation, scale=median)),
+        "triangular": (
+            ("low", "mode", "high"),
+            lambda low, mode, high: stats.triang((mode - low) / (high - low), low, high - low),
+        ),
+    }
+    if kind in makers:
+        wanted, make = makers[kind]
+        if set(values) != set(wanted):
+            raise ModelError(f"distribution {kind!r}: got {', '.join(values) or 'nothing'}; give {', '.join(wanted)}.")
+    else:
+        make = getattr(stats, kind, None)  # type: ignore[assignment]
+        if not isinstance(make, stats.rv_continuous):
+            known = unknown_name("distribution", kind, DISTRIBUTIONS)
+            raise ModelError(f"{known} Or a continuous distribution of scipy.stats, such as weibull_min.")
+    try:
+        frozen = make(**values)
+        median = float(frozen.ppf(0.5))
+    except (TypeError, ValueError, ZeroDivisionError) as error:
+        raise ModelError(f"distribution {kind!r} with {dict(values)}: {error}.") from error
+    if not np.isfinite(median):
+        raise ModelError(f"distribution {kind!r} with {dict(values)} has no finite quantiles; check their order and sign.")
+    return frozen
+
+
+def unit_factor(given: str, own: str, name: str) -> float:
+    """Return by what to multiply a value in a unit, such as "kN/m", to have it in the parameter's own, "N/m".
+
+    Raises
+    ------
+    ModelError
+        When the one is not the other with a prefix.
+    """
+
+    def bare(unit: str) -> tuple[float, str]:
+        for prefix, factor in PREFIXES.items():
+            if prefix and unit.startswith(prefix) and unit[len(prefix) :] == own_bare:
+                return factor, own_bare
+        return 1.0, unit
+
+    own_factor, own_bare = (1e3, own[1:]) if own.startswith("kg") else (1.0, own)
+    factor, rest = bare(given)
+    if rest != own_bare:
+        raise ModelError(
+            f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with a prefix or without."
+        )
+    return factor / own_factor

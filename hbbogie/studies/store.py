@@ -1,0 +1,283 @@
+"""The store of a study: one SQLite file that survives whatever happens to the process that writes it.
+
+Every finished point is one transaction. In the write-ahead mode used here, a process that is killed leaves the file as
+the last transaction left it. One process writes: it holds a lock that the operating system takes back when it ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hbbogie.errors import ModelError
+from hbbogie.studies.sampling import Points
+from hbbogie.studies.tasks import Outcome
+
+VERSION = "1"  # of the layout below
+NOMINAL = -1  # number of the point at the system's own values
+LEAST, EACH = 512 * 1024, 3000  # bytes reserved: at least, and for each point
+LAYOUT = """
+CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE points (
+    point INTEGER PRIMARY KEY,  -- -1 is the nominal point
+    inputs TEXT NOT NULL,       -- JSON: parameter values by name
+    outputs TEXT,               -- JSON: NULL as long as the point is missing
+    status TEXT, failed INTEGER, seconds REAL, worker TEXT, finished TEXT
+);
+"""
+SQL_INSERT = "INSERT OR REPLACE INTO points (point, inputs) VALUES (?, ?)"
+SQL_PUT = """UPDATE points SET outputs = ?, status = ?, failed = ?, seconds = ?, worker = ?,
+    finished = strftime('%Y-%m-%dT%H:%M:%fZ') WHERE point = ?"""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a study is.
+
+    Attributes
+    ----------
+    total, done, failed : int
+        Points; the failed ones are among those done.
+    seconds : float
+        Time that the finished points took, over all workers.
+    """
+
+    total: int
+    done: int
+    failed: int
+    seconds: float
+
+
+class Store:
+    """A study's file. Open it with `Store.create`, `Store.open` or `Store.read`, close it with ``close``."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: sqlite3.Connection | None):
+        self.path, self._connection, self._lock = path, connection, lock
+
+    # --- opening ------------------------------------------------------------------------------
+
+    @classmethod
+    def create(cls, path: str | Path | None, points: Points, about: Mapping[str, Any]) -> Store:
+        """Make the file of a new study, with all its points, and hold its lock.
+
+        Parameters
+        ----------
+        path : str, path or None
+            None keeps the study in memory.
+        points : Points
+        about : mapping from name to anything JSON can hold
+
+        Raises
+        ------
+        ModelError
+            When the file exists, its directory cannot be written, or there is not enough room for the results.
+        """
+        target = Path(path or ":memory:")
+        if path is not None and target.exists():
+            raise ModelError(f"{str(target)!r} exists; resume it, or give another name.")
+        lock = None if path is None else _lock(target)
+        try:
+            store = cls(target, _connect(target), lock)
+            with store._connection as c:
+                c.executescript(LAYOUT)
+                _reserve(c, max(LEAST, EACH * len(points)))
+                c.execute(SQL_INSERT, (NOMINAL, "{}"))
+                c.executemany(SQL_INSERT, [(i, json.dumps(points.point(i))) for i in range(len(points))])
+            store.describe({**about, "layout": VERSION, **_described(points)})
+            return store
+        except sqlite3.Error as error:
+            if lock is not None:
+                _unlock(target, lock)
+            for end in ("", "-wal", "-shm"):
+                Path(f"{target}{end}").unlink(missing_ok=True)
+            raise _disk(target, error) from error
+
+    @classmethod
+    def open(cls, path: str | Path) -> Store:
+        """Open an existing study to go on with it, and hold its lock.
+
+        Raises
+        ------
+        ModelError
+            When there is no such file, it is no study, it cannot be written, or another process works on it.
+        """
+        target = _existing(path)
+        lock = _lock(target)
+        try:
+            store = cls(target, _connect(target), lock)
+            store._check()
+            with store._connection as c:
+                missing = int(c.execute("SELECT count(*) FROM points WHERE outputs IS NULL").fetchone()[0])
+                _reserve(c, max(LEAST, EACH * missing))
+            return store
+        except sqlite3.Error as error:
+            _unlock(target, lock)
+            raise _disk(target, error) from error
+        except ModelError:
+            _unlock(target, lock)
+            raise
+
+    @classmethod
+    def read(cls, path: str | Path) -> Store:
+        """Open an existing study to look at it, also while another process works on it."""
+        target = _existing(path)
+        try:
+            connection = sqlite3.connect(f"{target.resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)
+            store = cls(target, connection, None)
+            store._check()
+            return store
+        except sqlite3.Error as error:
+            raise _disk(target, error) from error
+
+    def _check(self) -> None:
+        try:
+            layout = self.about().get("layout")
+        except sqlite3.DatabaseError as error:
+            raise ModelError(f"{str(self.path)!r} is not the store of a study: {error}.") from error
+        if layout != VERSION:
+            raise ModelError(f"{str(self.path)!r} has layout {layout}; this version of hbbogie reads layout {VERSION}.")
+
+    def close(self) -> None:
+        """Close the file and give its lock back."""
+        self._connection.close()
+        if self._lock is not None:
+            _unlock(self.path, self._lock)
+            self._lock = None
+
+    # --- what it is about ---------------------------------------------------------------------
+
+    def describe(self, about: Mapping[str, Any]) -> None:
+        """Write down what the study is about, by name."""
+        rows = [(name, json.dumps(value)) for name, value in about.items()]
+        with self._connection as c:
+            c.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", rows)
+
+    def about(self) -> dict[str, Any]:
+        """Return what was written down by `describe`."""
+        return {n: json.loads(v) for n, v in self._connection.execute("SELECT name, value FROM about")}
+
+    # --- points -------------------------------------------------------------------------------
+
+    def put(self, outcome: Outcome) -> None:
+        """Write a finished point, in a transaction of its own; raise `ModelError` when the disk refuses it."""
+        o = outcome
+        try:
+            with self._connection as c:
+                c.execute(SQL_PUT, (json.dumps(o.outputs), o.status, int(o.failed), o.seconds, o.worker, o.point))
+        except sqlite3.Error as error:
+            raise _disk(self.path, error) from error
+
+    def missing(self) -> list[tuple[int, dict[str, float]]]:
+        """Return number and parameter values of the points that are not finished, the nominal one first."""
+        rows = self._connection.execute("SELECT point, inputs FROM points WHERE outputs IS NULL ORDER BY point")
+        return [(point, json.loads(inputs)) for point, inputs in rows]
+
+    def forget_failed(self) -> None:
+        """Make the failed points missing ones, to be tried again."""
+        with self._connection as c:
+            c.execute("UPDATE points SET outputs = NULL, failed = NULL WHERE failed")
+
+    def replace_points(self, points: Points) -> None:
+        """Take other points; the outcome of a point with the same values as before is kept."""
+        columns = "inputs, outputs, status, failed, seconds, worker, finished"
+        with self._connection as c:
+            query = f"SELECT {columns} FROM points WHERE outputs IS NOT NULL AND point >= 0"
+            old = {row[0]: row[1:] for row in c.execute(query)}
+            c.execute("DELETE FROM points WHERE point >= 0")
+            inputs = [json.dumps(points.point(i)) for i in range(len(points))]
+            rows = [(i, text, *old.get(text, (None,) * 6)) for i, text in enumerate(inputs)]
+            c.executemany(f"INSERT INTO points (point, {columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        self.describe(_described(points))
+
+    def progress(self) -> Progress:
+        """Return how far the study is."""
+        query = "SELECT count(*), count(outputs), total(failed), total(seconds) FROM points WHERE point >= 0"
+        total, done, failed, seconds = self._connection.execute(query).fetchone()
+        return Progress(total, done, int(failed), float(seconds))
+
+    def outcomes(self) -> list[tuple[Outcome, dict[str, float], str]]:
+        """Return the outcome, the parameter values and the time of finishing of every point that is finished."""
+        query = "SELECT point, outputs, status, failed, seconds, worker, inputs, finished FROM points"
+        rows = self._connection.execute(f"{query} WHERE outputs IS NOT NULL ORDER BY point")
+        found = []
+        for point, outputs, status, failed, seconds, worker, inputs, finished in rows:
+            time = float("nan") if seconds is None else seconds
+            found.append((Outcome(point, json.loads(outputs), status, bool(failed), time, worker), json.loads(inputs), finished))
+        return found
+
+    def points(self) -> Points:
+        """Return all points of the study, finished or not."""
+        rows = self._connection.execute("SELECT inputs FROM points WHERE point >= 0 ORDER BY point").fetchall()
+        about = self.about()
+        values = np.array([list(json.loads(text).values()) for (text,) in rows])
+        return Points(tuple(about["parameters"]), values, about["sampling"], about["seed"])
+
+
+def _described(points: Points) -> dict[str, Any]:
+    return {"parameters": list(points.names), "sampling": points.kind, "seed": points.seed}
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(path, timeout=10.0)
+    connection.execute("PRAGMA journal_mode = WAL")
+    # in write-ahead mode this is safe against the death of the process, and writes to disk at checkpoints
+    connection.execute("PRAGMA synchronous = NORMAL")
+    return connection
+
+
+def _existing(path: str | Path) -> Path:
+    if not Path(path).is_file():
+        raise ModelError(f"no study {str(path)!r}; give the path of a store written before.")
+    return Path(path)
+
+
+def _reserve(connection: sqlite3.Connection, size: int) -> None:
+    """Claim room in the file: what is deleted again stays in it as free pages."""
+    connection.execute("CREATE TABLE reserve (room BLOB)")
+    connection.execute("INSERT INTO reserve VALUES (zeroblob(?))", (size,))
+    connection.execute("DROP TABLE reserve")
+
+
+def _lock(path: Path) -> sqlite3.Connection:
+    """Return the connection that holds a study's lock, a file beside it locked by SQLite, on every platform alike."""
+    lock = sqlite3.connect(f"{path}.lock", timeout=0.0, isolation_level=None)
+    try:
+        lock.execute("PRAGMA journal_mode = MEMORY")
+        lock.execute("BEGIN EXCLUSIVE")
+        lock.execute("CREATE TABLE IF NOT EXISTS held (by TEXT)")
+    except sqlite3.OperationalError as error:
+        lock.close()
+        if "locked" in str(error):
+            raise ModelError(
+                f"another process works on {str(path)!r}; wait for it, or end it. Look at it with: hbbogie study status."
+            ) from error
+        raise _disk(path, error) from error
+    return lock
+
+
+def _unlock(path: Path, lock: sqlite3.Connection) -> None:
+    with closing(lock):
+        lock.rollback()
+
+
+def _disk(path: Path, error: sqlite3.Error) -> ModelError:
+    """Return the sentence for what SQLite says when it cannot write."""
+    folder = path.resolve().parent
+    text = str(error)
+    if not folder.is_dir():
+        reason = f"the directory {str(folder)!r} does not exist; make it"
+    elif not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)) or "readonly" in text:
+        reason = "it or its directory is read-only; give another place"
+    elif "full" in text or "I/O" in text:
+        reason = "the disk is full or broken; make room. What was finished before is safe; go on with --resume"
+    else:
+        reason = text
+    return ModelError(f"cannot write the study {str(path)!r}: {reason} (SQLite: {text}).")

@@ -1,0 +1,207 @@
+"""What is done at one point, in whatever process: the task, its outcome, the worker's side."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import inspect
+import json
+import os
+import pickle
+import platform
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hbbogie.errors import ModelError
+from hbbogie.problem import load_problem, system_of
+from hbbogie.studies.jobs import JOBS, Outputs, job_function
+from hbbogie.system import System
+
+WATCH = 1.0  # s; how often a worker looks whether the process that started it is still there
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What to do at every point of a study.
+
+    Attributes
+    ----------
+    problem : str or System
+        Name of a shipped problem, path of a problem file, or a system.
+    job : str or callable
+        Name of a job, "file.py:function", or a function (system, **options) -> dict.
+    values : dict
+        Parameter values, and options of the problem's builder, common to all points.
+    options : dict
+        Keywords of the job.
+    """
+
+    problem: str | System
+    job: str | Callable[..., Outputs]
+    values: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def system(self) -> System:
+        """Return the system at the values common to all points."""
+        if isinstance(self.problem, System):
+            return self.problem.with_parameters(**self.values)
+        return system_of(load_problem(self.problem), **self.values)
+
+    @property
+    def function(self) -> Callable[..., Outputs]:
+        """The job's function."""
+        return job_function(self.job)
+
+    @property
+    def job_name(self) -> str:
+        """The job's name."""
+        return self.job if isinstance(self.job, str) else f"{self.job.__module__}:{self.job.__qualname__}"
+
+    def packed(self, by_value: bool = False) -> bytes:
+        """Return the task for another process; ``by_value`` where that cannot import the script that is running."""
+        pack = pickle.dumps
+        if by_value:
+            try:
+                pack = importlib.import_module("cloudpickle").dumps
+            except ImportError:
+                pass
+        try:
+            return pack(self)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise ModelError(
+                f"job {self.job_name!r} or its options cannot be sent to another process ({error}); define the function "
+                "at the top level of a file, or run with workers=0."
+            ) from error
+
+    def fingerprints(self) -> dict[str, str]:
+        """Return hashes of what decides the results: of the problem, of the job, of its options."""
+        return {
+            "problem": problem_hash(self.system()),
+            "job": _digest(_source(self.function)) if self.job not in JOBS else f"{self.job} of hbbogie",
+            "options": json.dumps(dict(sorted(self.options.items())), default=str),
+        }
+
+
+def problem_hash(system: System) -> str:
+    """Return a hash of the equations and of the values and bounds of the parameters."""
+    parts = [system.residual.serialize()]  # of the whole, with the forces of the elements
+    parts += [f"{p.name} {system.values[p.name]!r} {p.unit} {p.bounds!r}" for p in system.parameters]
+    return _digest("\n".join(parts))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _source(function: Callable[..., Any]) -> str:
+    """Return the source of the file a function stands in, of a function typed at a prompt its own code."""
+    try:
+        file = inspect.getsourcefile(function)
+        if file and Path(file).is_file():
+            return Path(file).read_text("utf-8")
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return getattr(getattr(function, "__code__", None), "co_code", repr(type(function)).encode()).hex()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of everything that has a share in the numbers."""
+    found = {"python": platform.python_version(), "platform": platform.platform(terse=True)}
+    for name in ("hbbogie", "casadi", "numpy", "scipy"):
+        found[name] = str(getattr(importlib.import_module(name), "__version__", ""))
+    return found
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one point.
+
+    Attributes
+    ----------
+    point : int
+    outputs : dict
+        Numbers and text by name; empty of a failed point.
+    status : str
+        A sentence.
+    failed : bool
+    seconds : float
+        Time it took.
+    worker : str
+        Host and process that computed it.
+    """
+
+    point: int
+    outputs: dict[str, Any]
+    status: str
+    failed: bool
+    seconds: float
+    worker: str
+
+
+def failure(point: int, reason: str, seconds: float = float("nan"), worker: str = "") -> Outcome:
+    """Return the outcome of a point that has no answer."""
+    return Outcome(point, {}, reason, True, seconds, worker)
+
+
+@functools.lru_cache(maxsize=2)
+def _ready(payload: bytes) -> tuple[System, Callable[..., Outputs], dict[str, Any]]:
+    """Return the system, the job and its options: built once in a worker, with all functions built for them."""
+    task: Task = pickle.loads(payload)
+    return task.system(), task.function, dict(task.options)
+
+
+def run_point(payload: bytes, point: int, values: Mapping[str, float]) -> Outcome:
+    """Do the job at one point; whatever goes wrong becomes an outcome.
+
+    Parameters
+    ----------
+    payload : bytes
+        A packed `Task`.
+    point : int
+    values : mapping from name to float
+        Parameter values, in the unit of each.
+    """
+    start, worker = time.perf_counter(), f"{platform.node()}:{os.getpid()}"
+    try:
+        system, job, options = _ready(payload)
+        outputs = dict(job(system.with_parameters(**values), **options))
+        status = str(outputs.pop("status", "done"))
+        failed = bool(outputs.pop("failed", False))
+        outputs = {name: _plain(name, value) for name, value in outputs.items()}
+    except Exception as error:
+        # of the first line only: CasADi adds its call stack
+        reason = str(error).strip().partition("\n")[0] or "no message"
+        return failure(point, f"{type(error).__name__}: {reason}", time.perf_counter() - start, worker)
+    return Outcome(point, outputs, status, failed, time.perf_counter() - start, worker)
+
+
+def _plain(name: str, value: Any) -> float | str | None:
+    """Return an output as a number or text; NaN becomes None, which JSON knows."""
+    if value is None or isinstance(value, str):
+        return value
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ModelError(f"the job returned {name!r} of type {type(value).__name__}; return numbers and text only.") from None
+    return None if number != number else number
+
+
+def start_worker() -> None:
+    """Prepare a worker of the local pool: Ctrl-C is for the parent, and a worker ends when its parent does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCH)
+        os._exit(1)
+
+    if sys.platform != "win32":  # where a parent's number does not change
+        threading.Thread(target=watch, daemon=True).start()
