@@ -28,6 +28,7 @@ from hbbogie.results import Basin, Branch, Chart, Hysteresis, Orbit, Passage, Sp
 from hbbogie.settling import last_orbit, settle
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet
+from hbbogie.studies.sweep import sweep
 from hbbogie.system import Coordinate, Parameter, System
 from hbbogie.verification import verify
 
@@ -81,6 +82,7 @@ __all__ = [
     "simulate",
     "simulate_ramp",
     "solve",
+    "sweep",
     "trace",
     "verify",
 ]

@@ -12,6 +12,7 @@ from hbbogie import cli_chart as cli_chart  # adds its command
 from hbbogie import cli_design as cli_design  # adds its command
 from hbbogie import cli_methods as cli_methods  # adds its commands
 from hbbogie import cli_motion as cli_motion
+from hbbogie import cli_study as cli_study
 from hbbogie.commands import (
     FIGURES,
     AsJson,

@@ -57,7 +57,7 @@ def examples(*lines: str) -> str:
     return "\n\n".join(["Examples:", *lines])
 
 
-def command(*lines: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a function a command with examples, whose errors are printed as sentences."""
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
@@ -67,7 +67,7 @@ def command(*lines: str) -> Callable[[Callable[..., None]], Callable[..., None]]
 
             guarded(function, args, kwargs)
 
-        return app.command(epilog=examples(*lines))(run)
+        return group.command(epilog=examples(*lines))(run)
 
     return register
 

@@ -254,7 +254,8 @@ def _touching(system: System, orbit: Orbit, wave: Array) -> float:
         # the argument is affine, and so harmonic: its values at t = 0 and a quarter period later give its amplitude
         u0 = float(element.argument(rest, 0, p))
         parts = (rest + cosine, omega * sine), (rest + sine, -omega * cosine)
-        reach = float(np.hypot(*(float(element.argument(q, v, p)) - u0 for q, v in parts)))
+        u = [float(element.argument(q, v, p)) - u0 for q, v in parts]
+        reach = float(np.hypot(u[0], u[1]))
         for direction, g in zip(element.directions, element.ramps(p)[3].full().ravel(), strict=True):
             room = float(g) - direction * u0
             if reach > 0 and room > 0:

@@ -32,7 +32,7 @@ from hbbogie.errors import ModelError, unknown_name
 from hbbogie.system import System
 
 
-def _shipped_folder() -> Path:
+def shipped_folder() -> Path:
     """Return the folder of the shipped problems: inside an installed package, beside it in a checkout."""
     package = Path(__file__).resolve().parent
     inside = package / "problems"
@@ -41,7 +41,7 @@ def _shipped_folder() -> Path:
 
 def shipped_problems() -> tuple[str, ...]:
     """Return the names of the problems that come with the package, in alphabetical order."""
-    files = _shipped_folder().glob("*.py")
+    files = shipped_folder().glob("*.py")
     return tuple(sorted(f.stem for f in files if not f.stem.startswith("_")))
 
 
@@ -143,7 +143,7 @@ def _locate(name_or_path: str | os.PathLike[str]) -> Path:
             )
         text = path.stem  # the file name of a shipped problem, meant as its name
     if text in shipped_problems():
-        return _shipped_folder() / f"{text}.py"
+        return shipped_folder() / f"{text}.py"
     raise ModelError(
         f"{unknown_name('problem', text, shipped_problems())} These are the shipped problems; "
         "or give the path of a .py file."
@@ -153,7 +153,7 @@ def _locate(name_or_path: str | os.PathLike[str]) -> Path:
 def _module_name(path: Path) -> str:
     """Return the name of a problem's module, the same in every process that sees the file at this path."""
     name = "hbbogie_problem_" + "".join(c if c.isalnum() else "_" for c in path.stem)
-    if path.parent == _shipped_folder():
+    if path.parent == shipped_folder():
         return name
     return f"{name}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
 

@@ -22,9 +22,9 @@ FLOORS = {
     "fold_curve": 7, "critical": 7, "coexistence": 7, "isolated": 7, "critical_report": 7, "plot": 7, "curves": 7,
     "tables": 7, "figures": 7, "motion": 7, "report": 7, "problem": 7, "comparison": 7, "comparison_report": 7,
     "charts": 7, "chart_report": 7, "basin": 7, "time_domain": 7, "hysteresis": 7, "curvature": 7, "design_point": 7,
-    "criteria": 7, "design_task": 7, "design": 7, "single_level": 7, "robust": 7, "design_report": 7,
+    "criteria": 7, "design_task": 7, "design": 7, "single_level": 7, "robust": 7, "design_report": 7, "studies": 7,
     "terminal": 8, "commands": 8, "cli_methods": 8, "cli_chart": 8, "cli": 8, "benchmark": 8, "__main__": 8,
-    "cli_motion": 8, "cli_design": 8,
+    "cli_motion": 8, "cli_design": 8, "cli_study": 8,
 }  # fmt: skip
 
 

@@ -89,6 +89,7 @@ def test_readme_has_the_two_commands():
 def test_commands_of_the_readme_exist():
     commands = set(re.findall(r"^\| `hbbogie ([a-z]+)", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE))
     registered = {c.name or c.callback.__name__ for c in app.registered_commands}
+    registered |= {group.name for group in app.registered_groups}
     assert commands == registered
 
 

@@ -9,6 +9,15 @@ from hbbogie.plot.charts import chart, coexistence, coexistence_width
 from hbbogie.plot.design import gains, scatter
 from hbbogie.plot.motions import basin, delays, hysteresis
 from hbbogie.plot.orbits import orbit, spectrum, time_history, waveform
+from hbbogie.plot.studies import (
+    distribution,
+    drawing,
+    parallel_coordinates,
+    parameter_map,
+    prediction,
+    sample_scatter,
+    sensitivity,
+)
 
 __all__ = [
     "basin",
@@ -17,6 +26,8 @@ __all__ = [
     "coexistence",
     "coexistence_width",
     "delays",
+    "distribution",
+    "drawing",
     "figure_of",
     "frequency",
     "gains",
@@ -26,8 +37,13 @@ __all__ = [
     "one_legend",
     "orbit",
     "panels",
+    "parallel_coordinates",
+    "parameter_map",
+    "prediction",
+    "sample_scatter",
     "save",
     "scatter",
+    "sensitivity",
     "spectrum",
     "style",
     "time_history",

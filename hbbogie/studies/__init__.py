@@ -5,6 +5,7 @@ what comes back is a labelled dataset, which `export` writes and `hbbogie.studie
 """
 
 from hbbogie.studies.dataset import export
+from hbbogie.studies.distributions import named_distribution
 from hbbogie.studies.sampling import (
     Points,
     around,
@@ -12,7 +13,6 @@ from hbbogie.studies.sampling import (
     grid,
     latin_hypercube,
     listed,
-    named_distribution,
     random,
     saltelli,
     sobol,

@@ -23,28 +23,30 @@ FORMATS = (".nc", ".csv", ".parquet")
 OWN = ("status", "failed", "seconds", "worker", "finished")  # what every study has besides its outputs
 
 
-def dataset_of(store: Store, system: System, function: Callable[..., Any]) -> xr.Dataset:
-    """Return the finished points of a study, labelled.
+def describe_units(store: Store, system: System, function: Callable[..., Any]) -> None:
+    """Write the units of inputs and outputs into a store, which then needs neither problem nor job to be read."""
+    about = store.about()
+    names = list(dict.fromkeys(name for o, _, _ in store.outcomes() for name in o.outputs))
+    parameter = str(about["options"].get("parameter", "V"))
+    inputs = {
+        n: (system.parameter(n).unit, system.parameter(n).description, system.values[n]) for n in about["parameters"]
+    }
+    store.describe({"inputs": inputs, "units": output_units(function, system, parameter, names)})
 
-    Parameters
-    ----------
-    store : Store
-    system : System
-        Whose units and descriptions the inputs have.
-    function : callable
-        The job.
-    """
+
+def dataset_of(store: Store) -> xr.Dataset:
+    """Return the finished points of a study, labelled."""
     import xarray as xr
 
     about, everything = store.about(), store.outcomes()
     nominal = next((o.outputs for o, _, _ in everything if o.point == NOMINAL), {})
     rows = [row for row in everything if row[0].point != NOMINAL]
     names = list(dict.fromkeys(name for o, _, _ in rows for name in o.outputs))
-    parameter = str(about["options"].get("parameter", "V"))
-    units = output_units(function, system, parameter, names)
+    units = about.get("units", {})
     data: dict[str, Any] = {}
     for name in names:
-        data[name] = ("point", _column([o.outputs.get(name) for o, _, _ in rows]), {"units": units[name]})
+        column = _column([o.outputs.get(name) for o, _, _ in rows])
+        data[name] = ("point", column, {"units": units.get(name, "")})
     data["status"] = ("point", _text([o.status for o, _, _ in rows]))
     data["failed"] = ("point", np.array([o.failed for o, _, _ in rows], dtype=bool))
     data["seconds"] = ("point", np.array([o.seconds for o, _, _ in rows], dtype=float), {"units": "s"})
@@ -52,21 +54,21 @@ def dataset_of(store: Store, system: System, function: Callable[..., Any]) -> xr
     data["finished"] = ("point", _text([t for _, _, t in rows]), {"long_name": "time of finishing, UTC"})
     labels: dict[str, Any] = {"point": np.array([o.point for o, _, _ in rows], dtype=int)}
     for name in about["parameters"]:
-        p = system.parameter(name)
-        labels[name] = ("point", np.array([i[name] for _, i, _ in rows], dtype=float), {"units": p.unit, "long_name": p.description})
-    p = store.progress()
+        unit, description, _ = about["inputs"][name]
+        column = np.array([i[name] for _, i, _ in rows], dtype=float)
+        labels[name] = ("point", column, {"units": unit, "long_name": description})
     attributes = {
         "inputs": json.dumps(about["parameters"]),
         "outputs": json.dumps(names),
         "sampling": about["sampling"],
         "seed": "" if about["seed"] is None else about["seed"],
-        "total": p.total,
+        "total": store.progress().total,
         "problem": about["problem"],
         "problem_hash": about["fingerprints"]["problem"],
         "job": about["job"],
         "job_hash": about["fingerprints"]["job"],
         **{name: json.dumps(about[name]) for name in ("options", "values", "versions")},
-        "nominal_inputs": json.dumps({n: system.values[n] for n in about["parameters"]}),
+        "nominal_inputs": json.dumps({n: about["inputs"][n][2] for n in about["parameters"]}),
         "nominal_outputs": json.dumps(nominal),
     }
     return xr.Dataset(data, labels, attributes)
@@ -127,7 +129,10 @@ def export(data: xr.Dataset, path: str | Path) -> Path:
                 writer.writerow(["" if isinstance(v, float) and v != v else v for v in row])
         return target
     arrow, parquet = required("pyarrow"), required("pyarrow.parquet")
-    fields = [arrow.field(n, arrow.array(c).type, metadata={"unit": data[n].attrs.get("units", "")}) for n, c in columns.items()]
+    fields = [
+        arrow.field(n, arrow.array(c).type, metadata={"unit": data[n].attrs.get("units", "")})
+        for n, c in columns.items()
+    ]
     about = {name: str(value) for name, value in data.attrs.items()}
     parquet.write_table(arrow.table(list(map(arrow.array, columns.values())), arrow.schema(fields, about)), target)
     return target

@@ -8,6 +8,7 @@ in which units its outputs are.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from hbbogie.continuation import trace
 from hbbogie.critical import Critical, fold, hopf_gradient
 from hbbogie.cycles import crossings, default_reach, find_cycles
 from hbbogie.equations import Equations
-from hbbogie.errors import ConvergenceError, ModelError, unknown_name
+from hbbogie.errors import ModelError, unknown_name
 from hbbogie.guesses import hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.problem import load_problem
@@ -28,6 +29,8 @@ from hbbogie.system import System
 
 Outputs = dict[str, Any]
 FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's are among the first
+MAX_POINTS = 200  # of a branch
+MARGIN = 0.05  # by which a branch goes on beyond its Hopf point's value, as a share of the interval below
 STEPS = (0.02, 0.005, 0.1)  # first steps of a continuation, tried in turn
 
 
@@ -70,18 +73,21 @@ def critical(
     points = hopf_points(system, parameter, span)
     where = f"from {span[0]:g} to {span[1]:g}"
     if not points:
-        return {"kind": "", "folds": 0, "hopfs": 0, "status": f"no Hopf point {where}, and no branch to look for a fold on"}
+        return {
+            "kind": "",
+            "folds": 0,
+            "hopfs": 0,
+            "status": f"no Hopf point {where}, and no branch to look for a fold on",
+        }
     equations = HarmonicBalance(harmonics).equations(system)
-    hopf, folds, ends, failed = hopf_gradient(system, points[0]), [], [], False
-    for point in points:
-        found, end, complete = (_lowest if search == "lowest" else _all)(equations, point, span)
-        folds += found
-        ends.append(f"from the Hopf point at {point.value:.6g}: {end}")
-        failed = failed or not complete
+    followed = [(_lowest if search == "lowest" else _all)(equations, point, span) for point in points]
+    hopf, folds = hopf_gradient(system, points[0]), [c for f in followed for c in f.folds]
     first = min(folds, key=lambda c: c.value, default=None)
     outputs: Outputs = {"kind": "hopf", "critical": hopf.value}
     if first is not None and first.value < hopf.value:
         outputs = {"kind": "fold", "critical": first.value}
+    # a branch that got lost above the smallest critical value may still come down, but was not seen to
+    failed = any(not f.complete and (f is followed[0] or f.lowest < outputs["critical"]) for f in followed)
     outputs |= _point("hopf", hopf, gradients)
     if first is not None:
         outputs |= _point("fold", first, gradients)
@@ -89,7 +95,8 @@ def critical(
     text = f"fold at {first.value:.6g}" if first is not None else f"no fold {where}"
     if first is not None and not first.gradient:
         text += ", without gradient"
-    status = f"{text}; Hopf point{'s' * (len(points) > 1)} at {', '.join(f'{h.value:.6g}' for h in points)}; {'; '.join(ends)}"
+    ends = [f"from the Hopf point at {h.value:.6g}: {f.end}" for h, f in zip(points, followed, strict=True)]
+    status = "; ".join([text, *ends])
     return outputs | {"folds": len(folds), "hopfs": len(points), "status": status, "failed": failed}
 
 
@@ -98,31 +105,42 @@ def _point(kind: str, c: Critical, gradients: bool) -> Outputs:
     return {kind: c.value, f"{kind}_omega": c.omega, **slopes}
 
 
-def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> tuple[list[Critical], str, bool]:
-    """Return the folds up to where the branch is back at its Hopf point's value, how it ended, whether that is all."""
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """The folds of a branch, the lowest value met, why it ended, and whether it was followed to its end."""
+
+    folds: list[Critical]
+    lowest: float
+    end: str
+    complete: bool
+
+
+def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
+    """Follow a branch until it is back at its Hopf point's value."""
     try:
         ladder = climb(equations, hopf, span[0])
         if ladder.complete:
             near = [fold(equations, orbit, hopf.parameter, search=False) for orbit in ladder.folds]
-            return near, ladder.end, True
+            return _Followed(near, ladder.lowest, ladder.end, True)
     except FAILURES:
         pass  # the longer way, by arclength
-    return _all(equations, hopf, span)
+    return _all(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))
 
 
-def _all(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> tuple[list[Critical], str, bool]:
-    """Return the folds of a branch through the whole interval, how it ended, whether it was followed to its end."""
+def _all(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
+    """Follow a branch through an interval."""
     reason = ""
     for step in STEPS:
         try:
-            branch = trace(equations, hopf, hopf.parameter, span, step=step, families=False)
+            branch = trace(equations, hopf, hopf.parameter, span, step=step, max_points=MAX_POINTS, families=False)
         except FAILURES as error:
             reason = reason or str(error).partition("\n")[0]
             continue
         end = branch.ends[1]
         stuck = end.startswith(("no further point", "the largest number"))
-        return [_located(equations, s) for s in branch.folds()], end, not stuck
-    return [], f"no branch was traced: {reason}", False
+        folds = [_located(equations, s) for s in branch.folds()]
+        return _Followed(folds, float(branch.values.min()), end.partition(";")[0], not stuck)
+    return _Followed([], hopf.value, f"no branch was traced: {reason}", False)
 
 
 def _located(equations: Equations, special: SpecialPoint) -> Critical:
@@ -130,8 +148,8 @@ def _located(equations: Equations, special: SpecialPoint) -> Critical:
     try:
         return fold(equations, special, special.parameter, search=False)
     except FAILURES:
-        nan = float("nan")
-        return Critical("fold", special.parameter, special.value, "", special.omega, {}, special.orbit, nan, nan, special.status)
+        nan, name, orbit = float("nan"), special.parameter, special.orbit
+        return Critical("fold", name, special.value, "", special.omega, {}, orbit, nan, nan, special.status)
 
 
 def cycles(
@@ -278,7 +296,9 @@ def job_function(job: str | Callable[..., Outputs]) -> Callable[..., Outputs]:
     return function  # type: ignore[no-any-return]
 
 
-def output_units(function: Callable[..., Outputs], system: System, parameter: str, names: Sequence[str]) -> dict[str, str]:
+def output_units(
+    function: Callable[..., Outputs], system: System, parameter: str, names: Sequence[str]
+) -> dict[str, str]:
     """Return the unit of each output, an empty string where none is known.
 
     Parameters

@@ -1,7 +1,8 @@
 """Folds between a Hopf point and the return of the branch to its value: cycles by growing amplitude.
 
-Along the amplitude the parameter is a function, V(a), where it turns back along the branch; near a fold that the closing
-of a gap makes, a branch turns so sharply that a continuation by arclength takes many short steps, and V(a) few.
+Where the branch turns back in the parameter, the parameter is still a function V(a) of the amplitude. Near a fold that
+the closing of a gap makes, a branch turns so sharply that a continuation by arclength takes many short steps, and V(a)
+few.
 """
 
 from __future__ import annotations

@@ -14,16 +14,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
-from scipy.stats import qmc
 
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError
+from hbbogie.studies.distributions import distribution
 from hbbogie.studies.optional import required
 from hbbogie.system import System
 
 Array = NDArray[np.float64]
 INSIDE = 1e-12  # distance of a quantile from 0 and 1, where many distributions are infinite
-PREFIXES = {"": 1.0, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +94,9 @@ def listed(rows: Iterable[Mapping[str, float]]) -> Points:
     names = tuple(rows[0]) if rows else ()
     for i, row in enumerate(rows):
         if set(row) != set(names):
-            raise ModelError(f"list of points: point {i} names {', '.join(row)}; the first one names {', '.join(names)}.")
+            raise ModelError(
+                f"list of points: point {i} names {', '.join(row)}; the first one names {', '.join(names)}."
+            )
     return Points(names, np.array([[float(row[n]) for n in names] for row in rows]), "list")
 
 
@@ -156,6 +156,8 @@ def latin_hypercube(distributions: Mapping[str, Any], count: int, seed: int = 0)
     count : int
     seed : int
     """
+    from scipy.stats import qmc
+
     return _mapped(distributions, qmc.LatinHypercube(len(distributions), rng=seed).random(_count(count)), "lhs", seed)
 
 
@@ -170,6 +172,8 @@ def sobol(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points
         A power of two keeps the balance of the sequence; another number is filled up and cut.
     seed : int
     """
+    from scipy.stats import qmc
+
     exponent = int(np.ceil(np.log2(_count(count))))
     cube = qmc.Sobol(len(distributions), rng=seed).random_base2(exponent)[:count]
     return _mapped(distributions, cube, "sobol", seed)
@@ -236,97 +240,3 @@ METHODS: dict[str, Callable[[Mapping[str, Any], int, int], Points]] = {
     "random": random,
     "saltelli": saltelli,
 }
-
-
-# --- distributions ----------------------------------------------------------------------------
-
-DISTRIBUTIONS = ("uniform", "normal", "truncated_normal", "lognormal", "triangular")
-
-
-def distribution(name: str, given: Any) -> Any:
-    """Return the frozen scipy distribution of a parameter: of a pair (low, high) the uniform one."""
-    if hasattr(given, "ppf"):
-        return given
-    try:
-        low, high = (float(v) for v in given)
-    except (TypeError, ValueError):
-        raise ModelError(
-            f"parameter {name!r}: got {given!r}; give (low, high) or a frozen distribution such as scipy.stats.norm(1, 2)."
-        ) from None
-    if not low < high:
-        raise ModelError(f"parameter {name!r}: got ({low:g}, {high:g}); give (low, high) with low < high.")
-    return stats.uniform(low, high - low)
-
-
-def named_distribution(kind: str, values: Mapping[str, float]) -> Any:
-    """Return the frozen scipy distribution of a name and its values.
-
-    Parameters
-    ----------
-    kind : str
-        "uniform" (low, high), "normal" (mean, deviation), "truncated_normal" (mean, deviation, low, high),
-        "lognormal" (median, deviation of the logarithm), "triangular" (low, mode, high), or any continuous
-        distribution of scipy.stats with its own keywords, such as "weibull_min" (c, scale).
-    values : mapping from name to float
-
-    Raises
-    ------
-    ModelError
-        For an unknown kind, or values that are missing, unknown or impossible.
-    """
-    makers: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
-        "uniform": (("low", "high"), lambda low, high: stats.uniform(low, high - low)),
-        "normal": (("mean", "deviation"), lambda mean, deviation: stats.norm(mean, deviation)),
-        "truncated_normal": (
-            ("mean", "deviation", "low", "high"),
-            lambda mean, deviation, low, high: stats.truncnorm(
-                (low - mean) / deviation, (high - mean) / deviation, mean, deviation
-            ),
-        ),
-        "lognormal": (("median", "deviation"), lambda median, deviation: stats.lognorm(deviation, scale=median)),
-        "triangular": (
-            ("low", "mode", "high"),
-            lambda low, mode, high: stats.triang((mode - low) / (high - low), low, high - low),
-        ),
-    }
-    if kind in makers:
-        wanted, make = makers[kind]
-        if set(values) != set(wanted):
-            raise ModelError(f"distribution {kind!r}: got {', '.join(values) or 'nothing'}; give {', '.join(wanted)}.")
-    else:
-        make = getattr(stats, kind, None)  # type: ignore[assignment]
-        if not isinstance(make, stats.rv_continuous):
-            known = unknown_name("distribution", kind, DISTRIBUTIONS)
-            raise ModelError(f"{known} Or a continuous distribution of scipy.stats, such as weibull_min.")
-    try:
-        frozen = make(**values)
-        median = float(frozen.ppf(0.5))
-    except (TypeError, ValueError, ZeroDivisionError) as error:
-        raise ModelError(f"distribution {kind!r} with {dict(values)}: {error}.") from error
-    if not np.isfinite(median):
-        raise ModelError(f"distribution {kind!r} with {dict(values)} has no finite quantiles; check their order and sign.")
-    return frozen
-
-
-def unit_factor(given: str, own: str, name: str) -> float:
-    """Return by what to multiply a value in a unit, such as "kN/m", to have it in the parameter's own, "N/m".
-
-    Raises
-    ------
-    ModelError
-        When the one is not the other with a prefix.
-    """
-
-    def bare(unit: str) -> tuple[float, str]:
-        for prefix, factor in PREFIXES.items():
-            if prefix and unit.startswith(prefix) and unit[len(prefix) :] == own_bare:
-                return factor, own_bare
-        return 1.0, unit
-
-    own_factor, own_bare = (1e3, own[1:]) if own.startswith("kg") else (1.0, own)
-    factor, rest = bare(given)
-    if rest != own_bare:
-        raise ModelError(
-            f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with a prefix or without."
-        )
-    return factor / own_factor

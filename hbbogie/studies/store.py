@@ -210,7 +210,9 @@ class Store:
         found = []
         for point, outputs, status, failed, seconds, worker, inputs, finished in rows:
             time = float("nan") if seconds is None else seconds
-            found.append((Outcome(point, json.loads(outputs), status, bool(failed), time, worker), json.loads(inputs), finished))
+            found.append(
+                (Outcome(point, json.loads(outputs), status, bool(failed), time, worker), json.loads(inputs), finished)
+            )
         return found
 
     def points(self) -> Points:
@@ -257,7 +259,7 @@ def _lock(path: Path) -> sqlite3.Connection:
         lock.close()
         if "locked" in str(error):
             raise ModelError(
-                f"another process works on {str(path)!r}; wait for it, or end it. Look at it with: hbbogie study status."
+                f"another process works on {str(path)!r}; wait for it, or end it; hbbogie study status shows it."
             ) from error
         raise _disk(path, error) from error
     return lock

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib
+import importlib.util
 import inspect
 import json
 import os
@@ -67,17 +68,14 @@ class Task:
     def packed(self, by_value: bool = False) -> bytes:
         """Return the task for another process; ``by_value`` where that cannot import the script that is running."""
         pack = pickle.dumps
-        if by_value:
-            try:
-                pack = importlib.import_module("cloudpickle").dumps
-            except ImportError:
-                pass
+        if by_value and importlib.util.find_spec("cloudpickle"):
+            pack = importlib.import_module("cloudpickle").dumps
         try:
             return pack(self)
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise ModelError(
-                f"job {self.job_name!r} or its options cannot be sent to another process ({error}); define the function "
-                "at the top level of a file, or run with workers=0."
+                f"job {self.job_name!r} or its options cannot be sent to another process ({error}); define the "
+                "function at the top level of a file, or run with workers=0."
             ) from error
 
     def fingerprints(self) -> dict[str, str]:
@@ -189,7 +187,9 @@ def _plain(name: str, value: Any) -> float | str | None:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise ModelError(f"the job returned {name!r} of type {type(value).__name__}; return numbers and text only.") from None
+        raise ModelError(
+            f"the job returned {name!r} of type {type(value).__name__}; return numbers and text only."
+        ) from None
     return None if number != number else number
 
 

@@ -1,0 +1,213 @@
+"""How a study runs: points to an executor, outcomes to the store, workers that die, Ctrl-C."""
+
+from __future__ import annotations
+
+import concurrent.futures as cf
+import multiprocessing
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import Any
+
+from hbbogie.curves import Progress
+from hbbogie.errors import ModelError
+from hbbogie.studies.optional import required
+from hbbogie.studies.store import NOMINAL, Store
+from hbbogie.studies.tasks import Outcome, Task, failure, run_point, start_worker
+
+TRIES = 2  # times a point may kill the worker it runs on
+SILENT = 10  # pools that may break in a row without any answer
+DEADLY = f"the worker process died {TRIES} times on this point: out of memory, or a crash in native code"
+EVERY = 0.2  # s between two reports of progress
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+class Runner:
+    """Submits points to an executor; a local pool that broke is built anew."""
+
+    def __init__(self, payload: bytes, build: Callable[[], cf.Executor], rebuilds: bool, window: int):
+        self.payload, self.build, self.rebuilds, self.window = payload, build, rebuilds, window
+        self.executor = build()
+
+    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
+        """Submit a point."""
+        return self.executor.submit(run_point, self.payload, point, values)
+
+    def rebuild(self) -> None:
+        """Take a new executor for the one that broke."""
+        self.executor.shutdown(wait=False, cancel_futures=True)
+        self.executor = self.build()
+
+
+class _Here(cf.Executor):
+    """Runs what is submitted at once, in this process."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> cf.Future[Any]:
+        future: cf.Future[Any] = cf.Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+@contextmanager
+def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, scheduler: str | None) -> Iterator[Runner]:
+    """Give the runner of an executor, of a Dask scheduler or of a local pool, and clean up behind it."""
+    if scheduler is not None:
+        distributed = required("distributed")
+        try:
+            client = distributed.Client(scheduler, timeout=10, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ModelError(
+                f"no Dask scheduler answers at {scheduler!r} ({error}); start one with: dask scheduler."
+            ) from error
+        with client:
+            threads = sum(client.nthreads().values())
+            yield Runner(task.packed(by_value=True), client.get_executor, False, max(4 * threads, 16))
+        return
+    if executor is not None:
+        window = 4 * int(getattr(executor, "_max_workers", 0) or os.cpu_count() or 1)
+        yield Runner(task.packed(by_value=True), lambda: executor, False, window)
+        return
+    if workers == 0:
+        yield Runner(task.packed(), _Here, False, 1)
+        return
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise ModelError('sweep: put the call below: if __name__ == "__main__": (worker processes import the script).')
+    count = workers or cores()
+    context = multiprocessing.get_context("spawn")
+
+    def pool() -> cf.Executor:
+        return cf.ProcessPoolExecutor(count, mp_context=context, initializer=start_worker)
+
+    with _one_thread_each():
+        runner = Runner(task.packed(), pool, True, 2 * count)
+        try:
+            yield runner
+        finally:
+            runner.executor.shutdown(wait=True, cancel_futures=True)
+
+
+def cores() -> int:
+    """Return the number of cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Set what worker processes inherit: one thread for linear algebra."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+def drive(runner: Runner, keep: Store, report: Progress) -> None:
+    """Submit the missing points, a window of them at a time, and store what comes back."""
+    waiting = deque(keep.missing())
+    meter = _Meter(keep, report)
+    flying: dict[cf.Future[Outcome], tuple[int, dict[str, float]]] = {}
+    suspects: deque[tuple[int, dict[str, float]]] = deque()
+    deaths: dict[int, int] = {}
+    silent = 0  # pools in a row that broke before any answer came
+    try:
+        while waiting or flying or suspects:
+            if suspects and not flying:  # one at a time: who kills a worker alone is guilty
+                item = suspects.popleft()
+                flying[runner.submit(*item)] = item
+            while waiting and not suspects and len(flying) < runner.window:
+                item = waiting.popleft()
+                flying[runner.submit(*item)] = item
+            finished, _ = cf.wait(flying, timeout=1.0, return_when=cf.FIRST_COMPLETED)
+            broken: list[tuple[int, dict[str, float]]] = []
+            for future in finished:
+                item = flying.pop(future)
+                try:
+                    outcome = _outcome(future, item[0], runner.rebuilds)
+                except BrokenProcessPool:
+                    broken.append(item)
+                    continue
+                silent = 0
+                keep.put(outcome)
+                meter.count(outcome)
+            if broken:
+                broken += flying.values()
+                flying.clear()
+                silent += 1
+                if silent > SILENT:
+                    raise ModelError("the worker processes die before any of them answers; see what they print above.")
+                if len(broken) == 1:  # several in flight are all suspects and none guilty
+                    deaths[broken[0][0]] = deaths.get(broken[0][0], 0) + 1
+                for item in broken:
+                    if deaths.get(item[0], 0) < TRIES:
+                        suspects.append(item)
+                    else:
+                        lost = failure(item[0], DEADLY)
+                        keep.put(lost)
+                        meter.count(lost)
+                runner.rebuild()
+    except KeyboardInterrupt:
+        _land(flying, keep)
+        raise
+
+
+def _outcome(future: cf.Future[Outcome], point: int, rebuilds: bool) -> Outcome:
+    """Return the outcome of a finished future; raise where the executor as a whole is lost."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        if rebuilds:
+            raise
+        raise ModelError("the executor given is broken: one of its processes died; resume with a new one.") from None
+    except (cf.CancelledError, cf.BrokenExecutor) as error:
+        raise ModelError(
+            "the executor was shut down or lost its workers; what is finished is stored, resume."
+        ) from error
+    except Exception as error:  # from the executor: the job's own are outcomes already
+        return failure(
+            point, f"the executor gave up on this point: {type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        )
+
+
+def _land(flying: Mapping[cf.Future[Outcome], Any], keep: Store) -> None:
+    """Cancel what has not begun, and store what is in flight when it has come down."""
+    running = [future for future in flying if not future.cancel()]
+    for future in cf.as_completed(running):
+        if future.exception() is None:
+            keep.put(future.result())
+
+
+class _Meter:
+    """Counts points and reports their rate and the time left."""
+
+    def __init__(self, keep: Store, report: Progress):
+        state = keep.progress()
+        self.total, self.done, self.failed, self.report = state.total, state.done, state.failed, report
+        self.first, self.start, self.last = state.done, time.monotonic(), 0.0
+        report(f"{self.done} of {self.total} points", self.done / self.total)
+
+    def count(self, outcome: Outcome) -> None:
+        if outcome.point == NOMINAL:
+            return
+        self.done, self.failed = self.done + 1, self.failed + outcome.failed
+        now = time.monotonic()
+        if now - self.last < EVERY and self.done < self.total:
+            return
+        self.last = now
+        rate = (self.done - self.first) / max(now - self.start, 1e-9)
+        left = (self.total - self.done) / rate
+        text = f"{self.done} of {self.total} points, {rate:.3g} per second, {_duration(left)} left"
+        self.report(text + (f", {self.failed} failed" if self.failed else ""), self.done / self.total)
+
+
+def _duration(seconds: float) -> str:
+    """Return a time as people say it."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
