@@ -56,8 +56,8 @@ def critical(
         Whether the outputs hold ``dfold_d<name>`` and ``dhopf_d<name>`` for every parameter.
     search : {"lowest", "all"}
         "lowest" follows each branch from its Hopf point until it is back at the value there, "all" through the
-        whole interval, as `hbbogie.critical_speeds` does, which takes three times as long. Below the Hopf point, where
-        the smallest critical value lies, both find the same folds.
+        whole interval, as `hbbogie.critical_speeds` does, which takes three times as long. Below the first Hopf
+        point, where the smallest critical value lies, both find the same folds; "lowest" keeps no others.
 
     Returns
     -------
@@ -80,8 +80,14 @@ def critical(
             "status": f"no Hopf point {where}, and no branch to look for a fold on",
         }
     equations = HarmonicBalance(harmonics).equations(system)
-    followed = [(_lowest if search == "lowest" else _all)(equations, point, span) for point in points]
-    hopf, folds = hopf_gradient(system, points[0]), [c for f in followed for c in f.folds]
+    hopf = hopf_gradient(system, points[0])
+    if search == "lowest":
+        followed = [_lowest(equations, point, span, hopf.value) for point in points]
+    else:
+        followed = [_all(equations, point, span) for point in points]
+    folds = [c for f in followed for c in f.folds]
+    if search == "lowest":
+        folds, where = [c for c in folds if c.value < hopf.value], f"from {span[0]:g} to the Hopf point"
     first = min(folds, key=lambda c: c.value, default=None)
     outputs: Outputs = {"kind": "hopf", "critical": hopf.value}
     if first is not None and first.value < hopf.value:
@@ -115,13 +121,14 @@ class _Followed:
     complete: bool
 
 
-def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
-    """Follow a branch until it is back at its Hopf point's value."""
+def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _Followed:
+    """Follow a branch until it is back at its Hopf point's value; solve for the folds below a value."""
     try:
         ladder = climb(equations, hopf, span[0])
         if ladder.complete:
-            near = [fold(equations, orbit, hopf.parameter, search=False) for orbit in ladder.folds]
-            return _Followed(near, ladder.lowest, ladder.end, True)
+            near = [orbit for orbit in ladder.folds if orbit.parameters[hopf.parameter] < below]
+            found = [fold(equations, orbit, hopf.parameter, search=False) for orbit in near]
+            return _Followed(found, ladder.lowest, ladder.end, True)
     except FAILURES:
         pass  # the longer way, by arclength
     return _all(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))

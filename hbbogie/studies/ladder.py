@@ -20,7 +20,7 @@ from hbbogie.solvers import Conditions, Problem
 Array = NDArray[np.float64]
 FIRST, WIDEST, SHORTEST = 3e-3, 0.1, 1e-5  # steps of the amplitude, relative to itself
 LARGEST = 100.0  # amplitude at which the search ends, in units of the first
-TOLERANCE = 1e-7  # of the steps: the fold itself is solved for afterwards
+TOLERANCE = 1e-4  # scaled residual from which one more step of Newton's method is enough here
 ITERATIONS = 8
 NARROW = 1e-5  # width of the amplitude, relative, to which a fold is bracketed
 
@@ -114,9 +114,9 @@ def _rung(problem: Problem, near: _Rung, a: float) -> _Rung | None:
             steps = np.linalg.solve(J / rows[:, None] * problem.scale, np.stack([F / rows, grown], axis=1))
         except np.linalg.LinAlgError:
             return None
+        y = y - problem.scale * steps[:, 0]
         if np.abs(F / rows).max() <= TOLERANCE:
             return _Rung(a, y, problem.scale * steps[:, 1])
-        y = y - problem.scale * steps[:, 0]
     return None
 
 

@@ -134,6 +134,8 @@ def _figure(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list[Tabl
         if key in figure:
             values_of(data, figure[key])  # raises where there is none of that name
     if kind == "map":
+        if np.count_nonzero(np.isfinite(values_of(data, figure["output"]))) < 3:
+            raise ModelError(f"fewer than three points have a value of {figure['output']!r}.")
         return [], partial(draw, "parameter_map", data, figure["x"], figure["y"], figure["output"])
     if kind == "scatter":
         return [], partial(draw, "sample_scatter", data, figure["x"], figure["y"], figure.get("colour"))

@@ -57,7 +57,7 @@ def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, sch
     if scheduler is not None:
         distributed = required("distributed")
         try:
-            client = distributed.Client(scheduler, timeout=10, set_as_default=False)
+            client = distributed.Client(scheduler, timeout=5, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise ModelError(
                 f"no Dask scheduler answers at {scheduler!r} ({error}); start one with: dask scheduler."

@@ -250,7 +250,10 @@ def _reserve(connection: sqlite3.Connection, size: int) -> None:
 
 def _lock(path: Path) -> sqlite3.Connection:
     """Return the connection that holds a study's lock, a file beside it locked by SQLite, on every platform alike."""
-    lock = sqlite3.connect(f"{path}.lock", timeout=0.0, isolation_level=None)
+    try:
+        lock = sqlite3.connect(f"{path}.lock", timeout=0.0, isolation_level=None)
+    except sqlite3.OperationalError as error:
+        raise _disk(path, error) from error
     try:
         lock.execute("PRAGMA journal_mode = MEMORY")
         lock.execute("BEGIN EXCLUSIVE")
@@ -276,7 +279,12 @@ def _disk(path: Path, error: sqlite3.Error) -> ModelError:
     text = str(error)
     if not folder.is_dir():
         reason = f"the directory {str(folder)!r} does not exist; make it"
-    elif not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)) or "readonly" in text:
+    elif (
+        not os.access(folder, os.W_OK)
+        or (path.exists() and not os.access(path, os.W_OK))
+        or "readonly" in text
+        or "unable to open" in text
+    ):
         reason = "it or its directory is read-only; give another place"
     elif "full" in text or "I/O" in text:
         reason = "the disk is full or broken; make room. What was finished before is safe; go on with --resume"

@@ -1,0 +1,176 @@
+"""The commands of studies, and the study files."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from studies import STUDY, finished, process, wait_for, write_study
+from typer.testing import CliRunner
+
+from hbbogie.cli import app
+from hbbogie.studies.study import load_study, shipped_studies
+
+runner = CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def call(*args):
+    return runner.invoke(app, ["study", *map(str, args)])
+
+
+def test_run_status_export_report(tmp_path):
+    path = write_study(tmp_path)
+    result = call("run", path, "--workers", 0)
+    assert result.exit_code == 0, result.output
+    assert "40 of 40 points" in result.stderr and "40 of 40 finished" in result.stdout
+    state = json.loads(call("status", path, "--json").stdout)["data"]
+    assert state == {"total": 40, "done": 40, "failed": 0}
+    for suffix in ("nc", "csv", "parquet"):
+        result = call("export", "products.db", "--output", f"out.{suffix}")
+        assert result.exit_code == 0, result.output
+    with xr.open_dataset("out.nc") as data:
+        expected = data["k"].values * data["c"].values
+        np.testing.assert_array_equal(data["product"].values, expected)
+        assert data["product"].attrs["units"] == "N2 s/m2" and data.attrs["job"].endswith("jobs.py:product")
+    lines = (tmp_path / "out.csv").read_text().splitlines()
+    assert lines[0].startswith("point,k [N/m],c [N s/m],product [N2 s/m2],third,name,status")
+    assert len(lines) == 41 and float(lines[-1].split(",")[3]) == expected[-1]
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table("out.parquet")
+    np.testing.assert_array_equal(table["product"].to_numpy(), expected)
+    assert table.schema.field("k").metadata == {b"unit": b"N/m"}
+    result = call("report", path, "--output", "report.html")
+    assert result.exit_code == 0 and "<title>Products</title>" in (tmp_path / "report.html").read_text("utf-8")
+
+
+def test_run_again_needs_resume(tmp_path):
+    path = write_study(tmp_path)
+    assert call("run", path, "--workers", 0, "--points", 6).exit_code == 0
+    assert (tmp_path / "products-6.db").is_file()
+    result = call("run", path, "--workers", 0, "--points", 6)
+    assert result.exit_code == 2 and "--resume" in result.stderr
+    assert call("run", path, "--workers", 0, "--points", 6, "--resume").exit_code == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+def test_interruption_says_how_to_resume(tmp_path):
+    path = write_study(tmp_path, wait=0.05)
+    run = process("hbbogie", "study", "run", path, "--workers", 2, cwd=tmp_path)
+    wait_for(lambda: finished(tmp_path / "products.db") >= 4, "four points")
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 130 and out == "" and "Traceback" not in err
+    assert "stopped." in err and f"hbbogie study run {path} --resume" in err
+    done = finished(tmp_path / "products.db")
+    assert 4 <= done < 40 and f"{done} of 40 points" in err
+    result = call("run", path, "--workers", 0, "--resume")
+    assert result.exit_code == 0 and finished(tmp_path / "products.db") == 40
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"spring.py"', '"springs.py"', "line 2: problem: no problem file"),
+        ('"jobs.py:product"', '"jobs.py:produkt"', "line 3: job: job"),
+        ('"jobs.py:product"', '"criticl"', "Did you mean 'critical'"),
+        ("title", "titel", "line 1: titel: unknown key 'titel'. Did you mean 'title'"),
+        ('title = "Products"', "title = 3", "line 1: title: got 3; give a value of type str"),
+        ('"grid"', '"gird"', "line 9: [points] sample: unknown sample 'gird'. Did you mean 'grid'"),
+        ("c = [", "cc = [", "line 13: [points.parameters] cc: unknown parameter 'cc'. Did you mean 'c'"),
+        ("count = 8", "cuont = 8", "unknown key 'cuont'. Did you mean 'count'"),
+        ("high = 8.0", 'high = "x"', "[points.parameters] high: got 'x'"),
+        ("high = 8.0", "high = 800.0", "from 0 to 100 N/m"),
+        ("count = 8", 'count = 8, unit = "kg"', "line 12: [points.parameters] k: parameter 'k': got the unit 'kg'"),
+        ("[options]", "[options", "line 5"),
+        (
+            "c = [1.0, 2.0, 3.0, 4.0, 5.0]",
+            '[[figures]]\nkind = "mapp"',
+            "unknown kind of figure 'mapp'. Did you mean 'map'",
+        ),
+        (
+            "c = [1.0, 2.0, 3.0, 4.0, 5.0]",
+            '[[figures]]\nkind = "map"\nx = "kk"\ny = "k"\noutput = "product"',
+            "line 15: [figures] x: unknown input 'kk'",
+        ),
+        (
+            "c = [1.0, 2.0, 3.0, 4.0, 5.0]",
+            '[[figures]]\nkind = "sensitivity"\noutput = "product"',
+            "needs points with sample = 'saltelli'",
+        ),
+    ],
+)
+def test_wrong_study_files(tmp_path, old, new, message):
+    path = write_study(tmp_path)
+    text = STUDY.format(wait=0.0)
+    assert old in text
+    path.write_text(text.replace(old, new))
+    result = call("run", path, "--workers", 0)
+    assert result.exit_code == 2 and message in result.stderr.replace("\n", " "), result.stderr
+    assert "products.toml" in result.stderr and not (tmp_path / "products.db").exists()
+
+
+def test_wrong_arguments(tmp_path):
+    for args, message in (
+        (("run", "conicity_yaw_stifness"), "Did you mean 'conicity_yaw_stiffness'"),
+        (("status", "nothing.db"), "no study 'nothing.db'"),
+        (("export", "nothing.db", "-o", "x.xls"), "ends in .nc, .csv, .parquet"),
+        (("report", "nothing.db", "-o", "x.pdf"), "ends in .html"),
+        (("run", write_study(tmp_path), "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler answers"),
+    ):
+        result = call(*args)
+        assert result.exit_code == 2 and message in result.stderr, result.output
+
+
+def test_points_of_a_file_and_a_list(tmp_path):
+    path = write_study(tmp_path)
+    head = STUDY.format(wait=0.0).partition("[points]")[0]
+    path.write_text(head + '[points]\nsample = "list"\nrows = [{ k = 1.0, c = 2.0 }, { k = 3.0, c = 4.0 }]\n')
+    assert load_study(path).points.values.tolist() == [[1, 2], [3, 4]]
+    (tmp_path / "points.csv").write_text("k,c\n5,6\n7,8\n")
+    path.write_text(head + '[points]\nsample = "csv"\nfile = "points.csv"\n')
+    assert load_study(path).points.values.tolist() == [[5, 6], [7, 8]]
+    path.write_text(head + '[points]\nsample = "sobol"\ncount = 4\naround = 0.5\nexcept = ["c"]\n')
+    points = load_study(path).points
+    assert points.names == ("k",) and (np.abs(points.values - 2) <= 1).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "count"), [("conicity_yaw_stiffness", 4), ("describing_function_error", 3)])
+def test_shipped_studies_in_small(tmp_path, name, count):
+    result = call("run", name, "--points", count, "--workers", 0, "--output", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    rows = dict(json.loads(result.stdout)["tables"][0]["rows"])
+    assert f"{count} of {count} finished, 0 without an answer" in rows["points"]
+    assert (tmp_path / "out" / f"{name}.html").stat().st_size > 50_000
+
+
+@pytest.mark.slow
+def test_shipped_uncertainty_in_small(tmp_path):
+    """Eight base points of five inputs."""
+    result = call(
+        "run", "creep_conicity_uncertainty", "--points", 8, "--workers", 0, "--output", tmp_path / "out", "--json"
+    )
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert "56 of 56 finished, 0 without" in dict(document["tables"][0]["rows"])["points"]
+    assert {"2_sensitivity", "1_exceedance", "3_prediction"} <= {t["name"] for t in document["tables"]}
+
+
+def test_every_shipped_study_is_sound():
+    assert set(shipped_studies()) == {
+        "conicity_yaw_stiffness",
+        "creep_conicity_uncertainty",
+        "describing_function_error",
+    }
+    for path in shipped_studies().values():
+        assert load_study(path).figures

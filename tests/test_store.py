@@ -1,0 +1,274 @@
+"""The store survives: processes are killed, disks are full, two want it at once."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import finished, process, wait_for, write_study
+
+import hbbogie as hb
+from hbbogie.studies.dataset import dataset_of
+from hbbogie.studies.sampling import grid
+from hbbogie.studies.store import Store
+from hbbogie.studies.study import load_study
+
+unix = pytest.mark.skipif(sys.platform == "win32", reason="needs signals, users and limits of Unix")
+NAMES = ["product", "third", "name", "status", "failed"]
+
+
+def run(path, **keywords):
+    wanted = load_study(path)
+    return hb.sweep(
+        wanted.job,
+        wanted.points,
+        problem=wanted.problem,
+        options={"wait": 0.0} | keywords.pop("options", {}),
+        **{"workers": 0, **keywords},
+    )
+
+
+def read(store):
+    keep = Store.read(store)
+    data = dataset_of(keep)
+    keep.close()
+    return data
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory):
+    """The same study, run in one go and in memory."""
+    folder = tmp_path_factory.mktemp("truth")
+    return run(write_study(folder))
+
+
+@unix
+def test_killed_and_resumed(tmp_path, truth):
+    """Killed with no chance to clean up, twice; what was finished is kept, and the whole is as if nothing had been."""
+    path, store = write_study(tmp_path, wait=0.05), tmp_path / "s.db"
+    command = ("hbbogie", "study", "run", path, "--store", store, "--workers", 2)
+    first = process(*command)
+    before = wait_for(lambda: finished(store) >= 5 and read(store), "five points")
+    first.kill()
+    first.communicate()
+    second = process(*command, "--resume")
+    done = finished(store)
+    between = wait_for(lambda: finished(store) >= done + 5 and read(store), "five more points")
+    os.kill(second.pid, signal.SIGKILL)
+    second.communicate()
+    out, err = process(*command, "--resume").communicate(timeout=60)
+    assert "40 of 40 points" in err, out
+    data = read(store)
+    assert data[NAMES].equals(truth[NAMES])
+    for earlier in (before, between):  # not computed again
+        same = data["finished"].values[earlier["point"].values] == earlier["finished"].values
+        assert same.all()
+
+
+@unix
+def test_workers_end_with_their_parent(tmp_path):
+    path, store = write_study(tmp_path, wait=0.05), tmp_path / "s.db"
+    parent = process("hbbogie", "study", "run", path, "--store", store, "--workers", 2)
+    wait_for(lambda: finished(store) >= 2, "two points")
+    workers = {int(str(w).split(":")[1]) for w in read(store)["worker"].values}
+    parent.kill()
+    parent.communicate()
+
+    def gone():
+        return not any(_runs(pid) for pid in workers)
+
+    wait_for(gone, "the workers to end", 15.0)
+
+
+def _runs(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    state = Path(f"/proc/{pid}/stat")
+    return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_two_processes_on_one_store(tmp_path, truth):
+    """The second is refused, in so many words; the first goes on, and can be looked at meanwhile."""
+    path, store = write_study(tmp_path, wait=0.05), tmp_path / "s.db"
+    command = ("hbbogie", "study", "run", path, "--store", store, "--workers", 1)
+    first = process(*command)
+    wait_for(lambda: finished(store) >= 2, "two points")
+    _, err = process(*command, "--resume").communicate(timeout=60)
+    assert "another process works on" in err and first.poll() is None
+    with pytest.raises(hb.ModelError, match="another process works on"):
+        Store.open(store)
+    first.communicate(timeout=60)
+    assert read(store)[NAMES].equals(truth[NAMES])
+    with sqlite3.connect(store) as c:
+        assert c.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    c.close()
+
+
+def test_resuming_does_only_what_is_missing(tmp_path):
+    path, store = write_study(tmp_path), tmp_path / "s.db"
+    first = run(path, store=store)
+    with pytest.raises(hb.ModelError, match="exists, with 40 of 40 points finished"):
+        run(path, store=store)
+    again = run(path, store=store, resume=True)
+    assert again.equals(first)  # also the times of finishing
+
+
+def test_changes_are_refused(tmp_path):
+    path, store = write_study(tmp_path), tmp_path / "s.db"
+    first = run(path, store=store)
+    with pytest.raises(hb.ModelError, match="other options of the job"):
+        run(path, store=store, resume=True, options={"wait": 0.001})
+    jobs = tmp_path / "jobs.py"
+    jobs.write_text(jobs.read_text().replace("multiplied", "changed"))
+    with pytest.raises(hb.ModelError, match="another job .hash"):
+        run(path, store=store, resume=True)
+    jobs.write_text(jobs.read_text().replace("changed", "multiplied"))
+    path.write_text(path.read_text().replace("5.0]", "5.0, 6.0]"))
+    with pytest.raises(hb.ModelError, match="other points .40 of k, c, now 48"):
+        run(path, store=store, resume=True)
+    more = run(path, store=store, resume=True, accept_changes=True)
+    assert more.sizes["point"] == 48
+    np.testing.assert_array_equal(more["product"].values, more["k"].values * more["c"].values)
+    kept = more.isel(point=more["c"].values < 6)
+    np.testing.assert_array_equal(kept["finished"].values, first["finished"].values)
+
+
+def test_a_changed_problem_is_refused(tmp_path):
+    """The equations count, not the text: comments may change."""
+    write_study(tmp_path)
+    store, points = tmp_path / "s.db", {"k": [1.0, 2.0]}
+
+    def go(name):
+        return hb.sweep(
+            f"{tmp_path}/jobs.py:product", points, problem=f"{tmp_path}/{name}", store=store, resume=True, workers=0
+        )
+
+    text = (tmp_path / "spring.py").read_text()
+    (tmp_path / "comment.py").write_text("# a comment\n" + text)
+    (tmp_path / "other.py").write_text(text.replace("c * x.dot", "1.01 * c * x.dot"))
+    go("spring.py")
+    assert go("comment.py").sizes["point"] == 2
+    with pytest.raises(hb.ModelError, match="another problem .hash"):
+        go("other.py")
+
+
+def test_failed_points_are_tried_again_when_asked(tmp_path):
+    write_study(tmp_path)
+    job, store = tmp_path / "flaky.py", tmp_path / "s.db"
+    job.write_text(
+        "import pathlib\ndef f(system):\n    return {'y': float(pathlib.Path(__file__).with_name('n').read_text())}\n"
+    )
+    keywords = {"problem": f"{tmp_path}/spring.py", "store": store, "workers": 0}
+    first = hb.sweep(f"{job}:f", {"k": [1.0, 2.0]}, **keywords)
+    assert first["failed"].values.all() and "FileNotFoundError" in str(first["status"].values[0])
+    (tmp_path / "n").write_text("7")
+    assert hb.sweep(f"{job}:f", {"k": [1.0, 2.0]}, resume=True, **keywords)["failed"].values.all()
+    again = hb.sweep(f"{job}:f", {"k": [1.0, 2.0]}, resume=True, retry_failed=True, **keywords)
+    assert again["y"].values.tolist() == [7.0, 7.0]
+
+
+@contextmanager
+def as_nobody():
+    """Root may write everywhere: give that up for a while."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+@unix
+def test_read_only_directory(tmp_path, monkeypatch):
+    """Nothing is computed; the directory holds nothing afterwards."""
+    path, closed = write_study(tmp_path), tmp_path / "closed"
+    closed.mkdir()
+    for folder in (tmp_path.parent.parent, tmp_path.parent, tmp_path):
+        folder.chmod(0o755)
+    wanted = load_study(path)
+    closed.chmod(0o555)
+    monkeypatch.chdir(tmp_path)
+    with as_nobody(), pytest.raises(hb.ModelError, match="read-only"):
+        Store.create(Path("closed") / "s.db", wanted.points, {})
+    closed.chmod(0o755)
+    assert list(closed.iterdir()) == []
+    with pytest.raises(hb.ModelError, match=r"does not exist; make it|unable to open"):
+        run(path, store=tmp_path / "nowhere" / "s.db")
+
+
+@unix
+def test_full_disk_stops_before_work_starts(tmp_path):
+    """A limit on the size of files is a full disk to SQLite."""
+    path, store = write_study(tmp_path), tmp_path / "s.db"
+    code = f"""
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+import hbbogie as hb
+from hbbogie.studies.study import load_study
+w = load_study({str(path)!r})
+try:
+    hb.sweep(w.job, w.points, problem=w.problem, store={str(store)!r}, workers=0)
+except hb.ModelError as error:
+    print(error)
+"""
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert "the disk is full" in out.stdout, out.stderr
+    assert not store.exists()
+
+
+def test_what_is_no_store(tmp_path):
+    with pytest.raises(hb.ModelError, match="no study"):
+        Store.read(tmp_path / "s.db")
+    (tmp_path / "text.db").write_text("no database, but long enough to be read as a header of one " * 3)
+    with pytest.raises(hb.ModelError, match="not a database|not the store"):
+        Store.read(tmp_path / "text.db")
+    points = grid({"a": [1.0]})
+    Store.create(tmp_path / "new.db", points, {}).close()
+    with pytest.raises(hb.ModelError, match="exists"):
+        Store.create(tmp_path / "new.db", points, {})
+
+
+@unix
+def test_dask_cluster_that_loses_a_worker(tmp_path, truth):
+    """A scheduler and two workers, started by hand on loopback; one of them is killed in the midst of it."""
+    path, store, where = write_study(tmp_path, wait=0.1), tmp_path / "s.db", tmp_path / "scheduler.json"
+    nothing = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    loopback = ("--host", "127.0.0.1", "--no-dashboard")
+    cluster = [process("dask", "scheduler", "--port", 0, "--scheduler-file", where, *loopback, **nothing)]
+    try:
+        wait_for(lambda: where.exists() and where.read_text().strip().endswith("}"), "the scheduler")
+        worker = ("dask", "worker", "--scheduler-file", where, "--nthreads", 1, "--no-nanny", *loopback)
+        cluster += [process(*worker, **nothing) for _ in range(2)]
+        address = load_json(where)["address"]
+        study = process("hbbogie", "study", "run", path, "--store", store, "--scheduler", address)
+        wait_for(lambda: len(_workers(store)) == 2 and finished(store) >= 8, "both workers")
+        cluster[1].kill()
+        out, err = study.communicate(timeout=90)
+        assert study.returncode == 0, err
+    finally:
+        for one in cluster[::-1]:
+            one.kill()
+            one.wait()
+    data = read(store)
+    assert data[NAMES].equals(truth[NAMES]) and len(set(data["worker"].values)) == 2, out
+
+
+def _workers(store):
+    return set(read(store)["worker"].values) if finished(store) else set()
+
+
+def load_json(path):
+    import json
+
+    return json.loads(path.read_text())

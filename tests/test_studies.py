@@ -1,0 +1,324 @@
+"""Points, jobs, the verb `sweep`, and what is made of its results."""
+
+from __future__ import annotations
+
+import concurrent.futures as cf
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+from studies import write_study
+
+import hbbogie as hb
+from hbbogie import plot, studies
+from hbbogie.studies.distributions import Scaled, named_distribution, unit_factor
+from hbbogie.studies.jobs import critical
+from hbbogie.studies.reporting import report_of, write_html
+from hbbogie.studies.statistics import exceedance, prediction, sobol_indices
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("studies")
+    write_study(path)
+    return path
+
+
+def sweep(folder, job, points, **keywords):
+    return hb.sweep(
+        f"{folder / 'jobs.py'}:{job}", points, problem=str(folder / "spring.py"), **{"workers": 0, **keywords}
+    )
+
+
+class TestPoints:
+    def test_latin_hypercube_has_one_point_in_each_stratum(self):
+        points = studies.latin_hypercube({"a": (2.0, 4.0), "b": stats.norm(0, 1)}, 50, seed=3)
+        strata = (
+            np.sort(np.floor(50 * (points.values[:, 0] - 2) / 2)),
+            np.sort(np.floor(50 * stats.norm.cdf(points.values[:, 1]))),
+        )
+        for found in strata:
+            np.testing.assert_array_equal(found, np.arange(50))
+
+    def test_sobol_sequence_is_balanced(self):
+        """Of 2^m points each dimension has one in each of 2^m intervals, and each pair of halves a quarter."""
+        points = studies.sobol({"a": (0.0, 1.0), "b": (0.0, 1.0), "c": (0.0, 1.0)}, 64, seed=2)
+        for column in points.values.T:
+            np.testing.assert_array_equal(np.sort(np.floor(64 * column)), np.arange(64))
+        assert np.count_nonzero((points.values[:, 0] < 0.5) & (points.values[:, 1] < 0.5)) == 16
+
+    def test_random_points_follow_their_distribution(self):
+        law = named_distribution("triangular", {"low": 1.0, "mode": 2.0, "high": 5.0})
+        points = studies.random({"a": law}, 2000, seed=1)
+        assert stats.kstest(points.values[:, 0], law.cdf).pvalue > 1e-3
+
+    def test_the_seed_makes_the_points(self):
+        for make in (studies.random, studies.sobol, studies.latin_hypercube, studies.saltelli):
+            a, b, other = (make({"a": (0.0, 1.0), "b": (0.0, 1.0)}, 8, seed=s).values for s in (5, 5, 6))
+            np.testing.assert_array_equal(a, b)
+            assert (a != other).any()
+
+    @pytest.mark.parametrize(
+        ("kind", "values", "share", "quantile"),
+        [
+            ("uniform", {"low": 2.0, "high": 6.0}, 0.25, 3.0),
+            ("normal", {"mean": 5.0, "deviation": 2.0}, stats.norm.cdf(1.0), 7.0),
+            ("lognormal", {"median": 3.0, "deviation": 0.2}, stats.norm.cdf(-1.0), 3 * np.exp(-0.2)),
+            ("truncated_normal", {"mean": 5.0, "deviation": 2.0, "low": 4.0, "high": 6.0}, 0.5, 5.0),
+            ("triangular", {"low": 0.0, "mode": 1.0, "high": 2.0}, 0.125, 0.5),
+            ("weibull_min", {"c": 1.0, "scale": 2.0}, 1 - np.exp(-1), 2.0),
+        ],
+    )
+    def test_quantiles(self, kind, values, share, quantile):
+        assert named_distribution(kind, values).ppf(share) == pytest.approx(quantile, rel=1e-12)
+
+    def test_units_with_prefixes(self):
+        assert unit_factor("MN/m", "N/m", "K") == 1e6
+        assert unit_factor("kg", "kg", "M") == 1.0 and unit_factor("g", "kg", "M") == 1e-3
+        assert unit_factor("mm", "m", "y") == 1e-3 and unit_factor("m", "m", "y") == 1.0
+        assert Scaled(stats.uniform(1, 2), 1e6).ppf(0.5) == 2e6
+        with pytest.raises(hb.ModelError, match="allowed is its own, 'N/m'"):
+            unit_factor("N", "N/m", "K")
+
+    def test_grid_list_and_file(self, tmp_path):
+        grid = studies.grid({"a": [1, 2], "b": [3, 4, 5]})
+        assert [grid.point(i) for i in (0, 1, 3)] == [{"a": 1, "b": 3}, {"a": 1, "b": 4}, {"a": 2, "b": 3}]
+        path = tmp_path / "points.csv"
+        path.write_text("a [m],b\n1,3\n2,4\n")
+        read = studies.from_csv(path)
+        assert read.names == ("a", "b") and read.values.tolist() == [[1, 3], [2, 4]]
+        path.write_text("a,b\n1,3\n2,x\n")
+        with pytest.raises(hb.ModelError, match="line 3"):
+            studies.from_csv(path)
+
+    @pytest.mark.parametrize(
+        ("make", "message"),
+        [
+            (lambda: studies.grid({}), "no parameter"),
+            (lambda: studies.listed([{"a": 1}, {"b": 2}]), "point 1 names b"),
+            (lambda: studies.random({"a": (2.0, 1.0)}, 5), "low < high"),
+            (lambda: studies.sobol({"a": (0.0, 1.0)}, 0), "at least 1"),
+            (lambda: studies.saltelli({"a": (0.0, 1.0)}, 6), "power of two"),
+            (lambda: named_distribution("norml", {}), "Did you mean 'normal'"),
+            (lambda: named_distribution("normal", {"mean": 1.0}), "give mean, deviation"),
+            (lambda: named_distribution("normal", {"mean": 1.0, "deviation": -1.0}), "no finite quantiles"),
+        ],
+    )
+    def test_wrong_points(self, make, message):
+        with pytest.raises(hb.ModelError, match=message):
+            make()
+
+    def test_ranges_about_the_values_of_a_system(self, bogie):
+        ranges = studies.around(bogie, 0.2)
+        assert "W" not in ranges and ranges["K1"] == pytest.approx((2.4e6, 3.6e6))
+
+
+class TestSweep:
+    def test_result_is_labelled(self, folder):
+        data = sweep(folder, "product", {"k": [1.0, 2.0], "c": [3.0, 4.0]})
+        np.testing.assert_array_equal(data["product"].values, [3, 4, 6, 8])
+        assert data["product"].attrs["units"] == "N2 s/m2" and data["k"].attrs == {
+            "units": "N/m",
+            "long_name": "stiffness",
+        }
+        assert data["status"].values.tolist() == ["multiplied"] * 4 and not data["failed"].values.any()
+        assert json.loads(data.attrs["nominal_outputs"])["product"] == 2.0
+        assert {"numpy", "casadi", "hbbogie"} <= set(json.loads(data.attrs["versions"]))
+        assert len(data.attrs["problem_hash"]) == 16
+
+    def test_failures_are_rows(self, folder):
+        data = sweep(folder, "picky", [{"k": 1.0, "c": 1.0}, {"k": 4.0, "c": 1.0}, {"k": 1.0, "c": 4.0}])
+        assert data["failed"].values.tolist() == [False, True, True]
+        assert data["status"].values.tolist() == ["done", "ValueError: too stiff", "undecided"]
+        np.testing.assert_array_equal(data["y"].values, [np.nan, np.nan, 1.0])
+
+    def test_every_executor_gives_the_same_in_any_order(self, folder):
+        points = [{"k": 1 + 0.1 * i, "c": 2.0} for i in range(12)]
+        here = sweep(folder, "product", points)
+        names = ["product", "third", "name", "status"]
+        with cf.ThreadPoolExecutor(2) as threads:
+            other = sweep(folder, "product", points[::-1], workers=None, executor=threads)
+        assert here[names].equals(other[names].isel(point=slice(None, None, -1)).assign_coords(point=here["point"]))
+        pool = sweep(folder, "product", points, workers=2)
+        assert here[names].equals(pool[names])
+        assert len(set(pool["worker"].values)) <= 2 and pool["worker"].values[0] != here["worker"].values[0]
+
+    def test_a_point_that_kills_its_worker_is_a_row(self, folder):
+        data = sweep(folder, "deadly", {"k": [1.0, 2.0, 3.0, 4.0, 5.0]}, workers=2)
+        assert data["failed"].values.tolist() == [False, False, True, False, False]
+        assert "the worker process died" in str(data["status"].values[2])
+        np.testing.assert_array_equal(data["y"].values, [1, 2, np.nan, 4, 5])
+
+    @pytest.mark.parametrize(
+        ("job", "points", "message"),
+        [
+            ("product", {"kk": [1.0]}, "unknown parameter 'kk'"),
+            ("product", {"k": [200.0]}, "from 0 to 100"),
+            ("produkt", {"k": [1.0]}, "Did you mean 'product'"),
+        ],
+    )
+    def test_wrong_input(self, folder, job, points, message):
+        with pytest.raises(hb.ModelError, match=message):
+            sweep(folder, job, points)
+
+    def test_unknown_jobs(self, folder):
+        for job, message in (("critcal", "Did you mean 'critical'"), ("nofile.py:f", "no file")):
+            with pytest.raises(hb.ModelError, match=message):
+                hb.sweep(job, {"k": [1.0]}, problem=str(folder / "spring.py"), workers=0)
+
+    def test_a_function_and_a_system(self):
+        """Without a file: a system made in the script and a function of it."""
+        x, k = hb.Coordinate("x", "m"), hb.Parameter("k", 2.0, "N/m")
+        data = hb.sweep(_root, {"k": [4.0, 9.0]}, problem=hb.System("spring", [x], [k], [x.ddot + k * x]), workers=0)
+        np.testing.assert_allclose(data["omega"].values, [2.0, 3.0], rtol=1e-15)
+
+
+def _root(system):
+    return {"omega": float(np.sqrt(system.values["k"]))}
+
+
+class TestStatistics:
+    def test_sobol_indices_of_the_ishigami_function(self):
+        """Closed form for sin x1 + 7 sin^2 x2 + 0.1 x3^4 sin x1 over (-pi, pi)^3."""
+        names = [hb.Parameter(n, 0.0) for n in ("x1", "x2", "x3")]
+        x = hb.Coordinate("x")
+        system = hb.System("three numbers", [x], names, [x.ddot + x + sum(names)])
+        span = (-np.pi, np.pi)
+        points = studies.saltelli({"x1": span, "x2": span, "x3": span}, 512, seed=1)
+        found = sobol_indices(hb.sweep(_ishigami, points, problem=system, workers=0), "y")
+        a, b = 7.0, 0.1
+        v1, v2, v13 = (1 + b * np.pi**4 / 5) ** 2 / 2, a**2 / 8, 8 * b**2 * np.pi**8 / 225
+        total = v1 + v2 + v13
+        # the errors are half widths at 95 %; three of them is twelve standard deviations over two
+        assert (np.abs(found.first - np.array([v1, v2, 0]) / total) <= 3 * found.first_error + 1e-12).all()
+        assert (np.abs(found.total - np.array([v1 + v13, v2, v13]) / total) <= 3 * found.total_error).all()
+        assert found.used == 512 and found.dropped == 0 and (found.first_error < 0.15).all()
+
+    def test_confidence_interval_covers(self):
+        """Exact: the chance that the interval holds the true probability is at least its level."""
+        for n, p in ((20, 0.05), (50, 0.3), (200, 0.01)):
+            covered = 0.0
+            for k in range(n + 1):
+                e = exceedance(np.r_[np.ones(k), np.zeros(n - k)], 0.5, confidence=0.9)
+                covered += stats.binom.pmf(k, n, p) * (e.low <= p <= e.high)
+            assert covered >= 0.9
+
+    def test_exceedance_counts(self):
+        below = exceedance([1.0, 2.0, 3.0, np.nan], 2.5, above=False)
+        assert (below.count, below.total, below.probability) == (2, 3, 2 / 3)
+        with pytest.raises(hb.ModelError, match="no value"):
+            exceedance([np.nan], 0.0)
+
+    def test_gradient_predicts_a_linear_job_exactly(self, folder):
+        data = sweep(folder, "linear", studies.random({"k": (1.0, 9.0), "c": (0.0, 5.0)}, 30, seed=1))
+        p = prediction(data, "y")
+        assert p.nominal == 5.0 and p.worst < 1e-12 and p.explained == pytest.approx(1.0, abs=1e-12)
+
+    def test_indices_need_their_points(self, folder):
+        data = sweep(folder, "linear", {"k": [1.0, 2.0]})
+        with pytest.raises(hb.ModelError, match="saltelli"):
+            sobol_indices(data, "y")
+        with pytest.raises(hb.ModelError, match="Did you mean 'dy_dk'|unknown output"):
+            prediction(data, "dy_dkk")
+
+
+def _ishigami(system):
+    x1, x2, x3 = system.values.values()
+    return {"y": np.sin(x1) + 7 * np.sin(x2) ** 2 + 0.1 * x3**4 * np.sin(x1)}
+
+
+class TestCritical:
+    def test_random_bogies_against_the_longer_way(self, bogie):
+        """SOLVER: two ways along the branch, by amplitude and by arclength, and one fold."""
+        names = [n for n in bogie.values if n != "V"]
+        points = studies.latin_hypercube(studies.around(bogie, 0.2, names), 4, seed=8)
+        for i in range(4):
+            system = bogie.with_parameters(**points.point(i))
+            short = critical(system, interval=(40.0, 160.0))
+            long = hb.critical_speeds(system, "V", (40.0, 160.0))
+            assert not short["failed"] and short["critical"] == pytest.approx(long[0].value, rel=1e-9)
+            assert short["kind"] == long[0].kind
+            for name in ("lam", "K2", "f22"):
+                assert short[f"d{short['kind']}_d{name}"] == pytest.approx(long[0].gradient[name], rel=1e-6)
+
+    def test_bautin_in_closed_form(self):
+        data = hb.sweep(
+            "critical", {"a": [0.5, 1.0, 2.0]}, problem="bautin", options={"interval": [-2.0, 0.5]}, workers=0
+        )
+        a = data["a"].values
+        np.testing.assert_allclose(data["fold"].values, -(a**2) / 4, rtol=1e-9)
+        np.testing.assert_allclose(data["dfold_da"].values, -a / 2, rtol=1e-8)
+        np.testing.assert_allclose(data["hopf"].values, 0.0, atol=1e-12)
+        assert data["fold"].attrs["units"] == "1/s" and data["dfold_da"].attrs["units"] == "(1/s)/(1/s)"
+
+    def test_no_fold_and_no_hopf_point_are_answers(self):
+        options = {"interval": [-0.5, 0.5]}
+        none = hb.sweep("critical", [{"a": -1.0}], problem="bautin", options=options, workers=0)
+        assert not none["failed"].item() and none["kind"].item() == "hopf"
+        assert "no fold from -0.5 to the Hopf point" in none["status"].item() and "fold" not in none
+        stable = hb.sweep("critical", [{"a": 1.0}], problem="bautin", options={"interval": [-2.0, -1.0]}, workers=0)
+        assert not stable["failed"].item() and "no Hopf point from -2 to -1" in stable["status"].item()
+
+    def test_other_jobs(self):
+        """Bautin: radii in closed form, at given mu and along the branch."""
+        problem = hb.load_problem("bautin")
+        cycles = hb.sweep("cycles", {"mu": [-0.3, -0.1, 0.1]}, problem="bautin", options={"harmonics": 3}, workers=0)
+        assert cycles["cycles"].values.tolist() == [0, 2, 1]
+        np.testing.assert_allclose(
+            cycles["peak_x_1"].values[1:], [problem.radii(mu)[0] for mu in (-0.1, 0.1)], rtol=1e-9
+        )
+        assert cycles["stability_2"].values.tolist() == ["", "stable", ""]
+        options = {"at": [0.1], "harmonics": 3}
+        branch = hb.sweep("branch", {"a": [1.0, 0.8]}, problem="bautin", options=options, workers=0)
+        np.testing.assert_allclose(
+            branch["peak_x_at_0.1"].values, [problem.radii(0.1, a)[-1] for a in (1.0, 0.8)], rtol=1e-9
+        )
+        np.testing.assert_allclose(branch["fold_1"].values, [-0.25, -0.16], rtol=1e-6)
+
+    def test_comparison_of_a_circle_is_exact(self):
+        options = {"methods": ["mhb1"], "truth": "mhb3", "values": [0.1]}
+        data = hb.sweep("compare", [{"a": 1.0}], problem="bautin", options=options, workers=0)
+        assert data["omega_error_mhb1"].item() < 1e-8 and data["fold_mhb1"].item() == pytest.approx(-0.25, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def data():
+    points = studies.saltelli({"a": (0.5, 2.0), "w0": (0.5, 2.0)}, 16, seed=1)
+    return hb.sweep("critical", points, problem="bautin", options={"interval": [-2.0, 0.5]}, workers=0)
+
+
+class TestReport:
+    def test_html_holds_everything(self, data, tmp_path):
+        figures = [
+            {"kind": "distribution", "output": "fold", "below": [-0.5]},
+            {"kind": "sensitivity", "output": "fold"},
+            {"kind": "scatter", "x": "a", "y": "fold", "colour": "w0"},
+            {"kind": "parallel", "output": "fold"},
+            {"kind": "prediction", "output": "critical"},
+            {"kind": "map", "x": "a", "y": "w0", "output": "fold"},
+            {"kind": "map", "x": "a", "y": "w0", "output": "nothing"},
+        ]
+        report = report_of(data, "Bautin & <folds>", (), figures)
+        text = write_html(report, tmp_path / "report.html").read_text("utf-8")
+        assert text.count("data:image/png;base64,") == 6 and "Bautin &amp; &lt;folds&gt;" in text
+        assert "unknown output &#x27;nothing&#x27;" in text
+        for link in ("http://", "https://", 'src="/', "<script", "<link"):
+            assert link not in text
+
+    def test_sensitivity_of_a_function_of_one_input(self, data):
+        """The fold is -a^2 / 4, whatever the frequency."""
+        found = sobol_indices(data, "fold")
+        assert found.total[1] == pytest.approx(0.0, abs=1e-12) and found.total[0] == pytest.approx(1.0, abs=0.35)
+
+    def test_map_of_a_grid_keeps_the_places(self):
+        data = hb.sweep(
+            "critical",
+            {"a": [0.5, 1.0, 2.0], "w0": [0.5, 1.0]},
+            problem="bautin",
+            options={"interval": [-2.0, 0.5]},
+            workers=0,
+        )
+        ax = plot.parameter_map(data, "a", "w0", "fold")
+        assert ax.get_xlim() == pytest.approx((0.5, 2.0)) and "a [1/s]" in ax.get_xlabel()
+        assert plot.drawing(ax.figure).startswith(b"\x89PNG")
