@@ -129,11 +129,11 @@ def test_changes_are_refused(tmp_path):
         run(path, store=store, resume=True, options={"wait": 0.001})
     jobs = tmp_path / "jobs.py"
     jobs.write_text(jobs.read_text().replace("multiplied", "changed"))
-    with pytest.raises(hb.ModelError, match="another job .hash"):
+    with pytest.raises(hb.ModelError, match=r"another job .hash"):
         run(path, store=store, resume=True)
     jobs.write_text(jobs.read_text().replace("changed", "multiplied"))
     path.write_text(path.read_text().replace("5.0]", "5.0, 6.0]"))
-    with pytest.raises(hb.ModelError, match="other points .40 of k, c, now 48"):
+    with pytest.raises(hb.ModelError, match=r"other points .40 of k, c, now 48"):
         run(path, store=store, resume=True)
     more = run(path, store=store, resume=True, accept_changes=True)
     assert more.sizes["point"] == 48
@@ -157,7 +157,7 @@ def test_a_changed_problem_is_refused(tmp_path):
     (tmp_path / "other.py").write_text(text.replace("c * x.dot", "1.01 * c * x.dot"))
     go("spring.py")
     assert go("comment.py").sizes["point"] == 2
-    with pytest.raises(hb.ModelError, match="another problem .hash"):
+    with pytest.raises(hb.ModelError, match=r"another problem .hash"):
         go("other.py")
 
 
@@ -231,7 +231,7 @@ def test_what_is_no_store(tmp_path):
     with pytest.raises(hb.ModelError, match="no study"):
         Store.read(tmp_path / "s.db")
     (tmp_path / "text.db").write_text("no database, but long enough to be read as a header of one " * 3)
-    with pytest.raises(hb.ModelError, match="not a database|not the store"):
+    with pytest.raises(hb.ModelError, match=r"not a database|not the store"):
         Store.read(tmp_path / "text.db")
     points = grid({"a": [1.0]})
     Store.create(tmp_path / "new.db", points, {}).close()

@@ -219,7 +219,7 @@ class TestStatistics:
         data = sweep(folder, "linear", {"k": [1.0, 2.0]})
         with pytest.raises(hb.ModelError, match="saltelli"):
             sobol_indices(data, "y")
-        with pytest.raises(hb.ModelError, match="Did you mean 'dy_dk'|unknown output"):
+        with pytest.raises(hb.ModelError, match=r"Did you mean 'dy_dk'|unknown output"):
             prediction(data, "dy_dkk")
 
 

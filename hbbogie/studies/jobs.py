@@ -29,6 +29,7 @@ from hbbogie.system import System
 
 Outputs = dict[str, Any]
 FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's are among the first
+NARROW = (1e-5, 1e-7)  # widths to which folds are bracketed, tried in turn
 MAX_POINTS = 200  # of a branch
 MARGIN = 0.05  # by which a branch goes on beyond its Hopf point's value, as a share of the interval below
 STEPS = (0.02, 0.005, 0.1)  # first steps of a continuation, tried in turn
@@ -123,14 +124,17 @@ class _Followed:
 
 def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _Followed:
     """Follow a branch until it is back at its Hopf point's value; solve for the folds below a value."""
-    try:
-        ladder = climb(equations, hopf, span[0])
-        if ladder.complete:
+    for narrow in NARROW:
+        try:
+            ladder = climb(equations, hopf, span[0], narrow)
+            if not ladder.complete:
+                break
             near = [orbit for orbit in ladder.folds if orbit.parameters[hopf.parameter] < below]
             found = [fold(equations, orbit, hopf.parameter, search=False) for orbit in near]
             return _Followed(found, ladder.lowest, ladder.end, True)
-    except FAILURES:
-        pass  # the longer way, by arclength
+        except FAILURES:
+            continue
+    # the longer way, by arclength
     return _all(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))
 
 

@@ -20,9 +20,8 @@ from hbbogie.solvers import Conditions, Problem
 Array = NDArray[np.float64]
 FIRST, WIDEST, SHORTEST = 3e-3, 0.1, 1e-5  # steps of the amplitude, relative to itself
 LARGEST = 100.0  # amplitude at which the search ends, in units of the first
-TOLERANCE = 1e-4  # scaled residual from which one more step of Newton's method is enough here
+TOLERANCE = 1e-3  # scaled residual from which one more step of Newton's method is enough here
 ITERATIONS = 8
-NARROW = 1e-5  # width of the amplitude, relative, to which a fold is bracketed
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +55,7 @@ class _Rung:
     slope: Array
 
 
-def climb(equations: Equations, hopf: SpecialPoint, low: float) -> Ladder:
+def climb(equations: Equations, hopf: SpecialPoint, low: float, narrow: float = 1e-5) -> Ladder:
     """Compute cycles of growing amplitude from a Hopf point until the parameter is back at its value there.
 
     Parameters
@@ -65,6 +64,8 @@ def climb(equations: Equations, hopf: SpecialPoint, low: float) -> Ladder:
     hopf : SpecialPoint
     low : float, unit of the parameter
         Value below which nothing is looked for.
+    narrow : float, dimensionless
+        Width of the amplitude, relative, to which a fold is bracketed.
     """
     start = first_cycle(equations, hopf)
     place = equations.system.parameter_names.index(hopf.parameter)
@@ -84,7 +85,7 @@ def climb(equations: Equations, hopf: SpecialPoint, low: float) -> Ladder:
                 end = f"no cycle found beyond amplitude {here.a:.6g}"
             continue
         if len(rungs) > 1 and here.slope[-1] * there.slope[-1] < 0:
-            folds.append(_fold(problem, here, there))
+            folds.append(_fold(problem, here, there, narrow))
         rungs.append(there)
         value = there.y[-1]
         if value >= hopf.value and there.slope[-1] >= 0:
@@ -120,9 +121,9 @@ def _rung(problem: Problem, near: _Rung, a: float) -> _Rung | None:
     return None
 
 
-def _fold(problem: Problem, a: _Rung, b: _Rung) -> Orbit:
+def _fold(problem: Problem, a: _Rung, b: _Rung, narrow: float) -> Orbit:
     """Return a cycle next to the fold between two rungs, by bisection: the slope may jump there."""
-    while b.a - a.a > NARROW * a.a:
+    while b.a - a.a > narrow * a.a:
         middle = _rung(problem, a, (a.a + b.a) / 2)
         if middle is None:
             break
