@@ -242,6 +242,20 @@ class TestCritical:
             for name in ("lam", "K2", "f22"):
                 assert short[f"d{short['kind']}_d{name}"] == pytest.approx(long[0].gradient[name], rel=1e-6)
 
+    def test_warm_starts_change_nothing_in_any_order(self):
+        """SOLVER: over conicity and yaw stiffness, forward, backward and cold."""
+        points = studies.grid({"lam": [0.046, 0.05, 0.054], "K2": [9e6, 10e6]})
+        backward = studies.Points(points.names, points.values[::-1], "list")
+        found = {}
+        for name, search, where in (("cold", "lowest", points), ("warm", "warm", points), ("back", "warm", backward)):
+            options = {"interval": [60.0, 130.0], "search": search}
+            found[name] = hb.sweep("critical", where, problem="yang1995", options=options, workers=0)
+        assert sum("neighbour" in s for s in found["warm"]["status"].values) >= 4
+        for name in ("fold", "fold_omega", "dfold_dlam", "dfold_dK2"):
+            for other in (found["warm"][name].values, found["back"][name].values[::-1]):
+                np.testing.assert_allclose(other, found["cold"][name].values, rtol=1e-6)
+        np.testing.assert_allclose(found["warm"]["fold"].values, found["cold"]["fold"].values, rtol=1e-9)
+
     def test_bautin_in_closed_form(self):
         data = hb.sweep(
             "critical", {"a": [0.5, 1.0, 2.0]}, problem="bautin", options={"interval": [-2.0, 0.5]}, workers=0

@@ -8,7 +8,6 @@ in which units its outputs are.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,151 +15,15 @@ import numpy as np
 
 from hbbogie.comparison import compare as compare_methods
 from hbbogie.continuation import trace
-from hbbogie.critical import Critical, fold, hopf_gradient
 from hbbogie.cycles import crossings, default_reach, find_cycles
-from hbbogie.equations import Equations
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.guesses import hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.problem import load_problem
-from hbbogie.results import SpecialPoint
-from hbbogie.studies.ladder import climb
+from hbbogie.studies.critical_job import Outputs, critical
 from hbbogie.system import System
 
-Outputs = dict[str, Any]
-FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's are among the first
-NARROW = (1e-5, 1e-7)  # widths to which folds are bracketed, tried in turn
-MAX_POINTS = 200  # of a branch
-MARGIN = 0.05  # by which a branch goes on beyond its Hopf point's value, as a share of the interval below
-STEPS = (0.02, 0.005, 0.1)  # first steps of a continuation, tried in turn
-
-
-def critical(
-    system: System,
-    parameter: str = "V",
-    interval: tuple[float, float] | None = None,
-    harmonics: int = 15,
-    gradients: bool = True,
-    search: str = "lowest",
-) -> Outputs:
-    """Find the critical values of a parameter, with their gradients.
-
-    Parameters
-    ----------
-    system : System
-    parameter : str
-    interval : (float, float), optional, unit of the parameter
-        Where to look.
-    harmonics : int
-        Highest harmonic.
-    gradients : bool
-        Whether the outputs hold ``dfold_d<name>`` and ``dhopf_d<name>`` for every parameter.
-    search : {"lowest", "all"}
-        "lowest" follows each branch from its Hopf point until it is back at the value there, "all" through the
-        whole interval, as `hbbogie.critical_speeds` does, which takes three times as long. Below the first Hopf
-        point, where the smallest critical value lies, both find the same folds; "lowest" keeps no others.
-
-    Returns
-    -------
-    dict
-        ``critical``, the smallest critical value, and its ``kind``; ``fold`` and ``hopf``, the smallest of each, with
-        ``fold_omega``, ``hopf_omega`` [rad/s], ``fold_<coordinate>``, the peak of each nonlinear coordinate at the
-        fold, numbers of ``folds`` and ``hopfs``, and the gradients. "No fold" with the evidence is an answer; a
-        branch that cannot be followed is not.
-    """
-    if search not in ("lowest", "all"):
-        raise ModelError(f"job critical: {unknown_name('search', search, ('lowest', 'all'))}")
-    span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
-    points = hopf_points(system, parameter, span)
-    where = f"from {span[0]:g} to {span[1]:g}"
-    if not points:
-        return {
-            "kind": "",
-            "folds": 0,
-            "hopfs": 0,
-            "status": f"no Hopf point {where}, and no branch to look for a fold on",
-        }
-    equations = HarmonicBalance(harmonics).equations(system)
-    hopf = hopf_gradient(system, points[0])
-    if search == "lowest":
-        followed = [_lowest(equations, point, span, hopf.value) for point in points]
-    else:
-        followed = [_all(equations, point, span) for point in points]
-    folds = [c for f in followed for c in f.folds]
-    if search == "lowest":
-        folds, where = [c for c in folds if c.value < hopf.value], f"from {span[0]:g} to the Hopf point"
-    first = min(folds, key=lambda c: c.value, default=None)
-    outputs: Outputs = {"kind": "hopf", "critical": hopf.value}
-    if first is not None and first.value < hopf.value:
-        outputs = {"kind": "fold", "critical": first.value}
-    # a branch that got lost above the smallest critical value may still come down, but was not seen to
-    failed = any(not f.complete and (f is followed[0] or f.lowest < outputs["critical"]) for f in followed)
-    outputs |= _point("hopf", hopf, gradients)
-    if first is not None:
-        outputs |= _point("fold", first, gradients)
-        outputs |= {f"fold_{c}": first.orbit.amplitude(c) for c in system.nonlinear_coordinates}
-    text = f"fold at {first.value:.6g}" if first is not None else f"no fold {where}"
-    if first is not None and not first.gradient:
-        text += ", without gradient"
-    ends = [f"from the Hopf point at {h.value:.6g}: {f.end}" for h, f in zip(points, followed, strict=True)]
-    status = "; ".join([text, *ends])
-    return outputs | {"folds": len(folds), "hopfs": len(points), "status": status, "failed": failed}
-
-
-def _point(kind: str, c: Critical, gradients: bool) -> Outputs:
-    slopes = {f"d{kind}_d{name}": slope for name, slope in c.gradient.items()} if gradients else {}
-    return {kind: c.value, f"{kind}_omega": c.omega, **slopes}
-
-
-@dataclass(frozen=True, eq=False)
-class _Followed:
-    """The folds of a branch, the lowest value met, why it ended, and whether it was followed to its end."""
-
-    folds: list[Critical]
-    lowest: float
-    end: str
-    complete: bool
-
-
-def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _Followed:
-    """Follow a branch until it is back at its Hopf point's value; solve for the folds below a value."""
-    for narrow in NARROW:
-        try:
-            ladder = climb(equations, hopf, span[0], narrow)
-            if not ladder.complete:
-                break
-            near = [orbit for orbit in ladder.folds if orbit.parameters[hopf.parameter] < below]
-            found = [fold(equations, orbit, hopf.parameter, search=False) for orbit in near]
-            return _Followed(found, ladder.lowest, ladder.end, True)
-        except FAILURES:
-            continue
-    # the longer way, by arclength
-    return _all(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))
-
-
-def _all(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
-    """Follow a branch through an interval."""
-    reason = ""
-    for step in STEPS:
-        try:
-            branch = trace(equations, hopf, hopf.parameter, span, step=step, max_points=MAX_POINTS, families=False)
-        except FAILURES as error:
-            reason = reason or str(error).partition("\n")[0]
-            continue
-        end = branch.ends[1]
-        stuck = end.startswith(("no further point", "the largest number"))
-        folds = [_located(equations, s) for s in branch.folds()]
-        return _Followed(folds, float(branch.values.min()), end.partition(";")[0], not stuck)
-    return _Followed([], hopf.value, f"no branch was traced: {reason}", False)
-
-
-def _located(equations: Equations, special: SpecialPoint) -> Critical:
-    """Return a fold of a branch with its gradient; without one where the conditions of optimality are not met."""
-    try:
-        return fold(equations, special, special.parameter, search=False)
-    except FAILURES:
-        nan, name, orbit = float("nan"), special.parameter, special.orbit
-        return Critical("fold", name, special.value, "", special.omega, {}, orbit, nan, nan, special.status)
+__all__ = ["JOBS", "Outputs", "branch", "compare", "critical", "cycles", "job_function", "output_units"]
 
 
 def cycles(

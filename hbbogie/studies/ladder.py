@@ -18,8 +18,8 @@ from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.solvers import Conditions, Problem
 
 Array = NDArray[np.float64]
-FIRST, WIDEST, SHORTEST = 3e-3, 0.1, 1e-5  # steps of the amplitude, relative to itself
-LARGEST = 100.0  # amplitude at which the search ends, in units of the first
+FIRST, WIDEST, SHORTEST = 3e-3, 0.2, 1e-5  # steps of the amplitude, relative to itself
+MOST = 100  # cycles after which the search ends
 TOLERANCE = 1e-3  # scaled residual from which one more step of Newton's method is enough here
 ITERATIONS = 8
 
@@ -94,8 +94,8 @@ def climb(equations: Equations, hopf: SpecialPoint, low: float, narrow: float = 
             end, complete = f"the branch leaves the interval at {hopf.parameter} = {low:.6g}", True
         elif beyond := problem.violated(there.y):
             end = f"a bound was reached: {', '.join(beyond)}"
-        elif there.a > LARGEST * smallest:
-            end = f"the branch is not back at the value of the Hopf point at {LARGEST:g} times the first amplitude"
+        elif len(rungs) > MOST:
+            end = f"the branch is not back at the value of the Hopf point after {MOST} cycles"
         step = min(1.6 * step, WIDEST)
     return Ladder(tuple(folds), min(float(r.y[-1]) for r in rungs), end, complete)
 
