@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from hbbogie.errors import ModelError
-from hbbogie.plot.appearance import COLOURS, INK, PALE, axes, figure_of, legend, styled
+from hbbogie.plot.appearance import COLOURS, INK, PALE, Array, axes, figure_of, legend, styled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,11 +23,15 @@ LEVELS = 14
 MAP = "viridis"
 
 
-def label_of(data: xr.Dataset, name: str) -> str:
-    """Return the label of an axis: description and name with unit."""
-    attributes = data[name].attrs
-    text = f"{attributes.get('long_name', '')} {name}".strip()
-    return f"{text} [{attributes.get('units') or '1'}]"
+def column(data: xr.Dataset, name: str) -> tuple[Array, str]:
+    """Return the values of an input or output, shape (N,), and their label; large forces in kN or MN."""
+    values, attributes = np.asarray(data[name].values, dtype=float), data[name].attrs
+    text, unit = f"{attributes.get('long_name', '')} {name}".strip(), attributes.get("units") or "1"
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    for prefix, size in (("M", 1e6), ("k", 1e4)):
+        if unit.startswith("N") and largest >= size:
+            return values / {"M": 1e6, "k": 1e3}[prefix], f"{text} [{prefix}{unit}]"
+    return values, f"{text} [{unit}]"
 
 
 @styled
@@ -44,7 +48,7 @@ def parameter_map(data: xr.Dataset, x: str, y: str, output: str, ax: Axes | None
     ax : Axes
     """
     ax = axes(ax, (6.6, 4.6))
-    u, v, w = (np.asarray(data[n].values, dtype=float) for n in (x, y, output))
+    (u, across_label), (v, up_label), (w, label) = (column(data, n) for n in (x, y, output))
     known = np.isfinite(w)
     if np.count_nonzero(known) < 3:
         raise ModelError(f"map of {output!r}: fewer than three points have a value.")
@@ -63,9 +67,9 @@ def parameter_map(data: xr.Dataset, x: str, y: str, output: str, ax: Axes | None
         ax.plot(u[~known], v[~known], "x", color=INK, ms=4, mew=0.8, label=f"no {output}")
         legend(ax)
     ax.grid(False)
-    figure_of(ax).colorbar(filled, ax=ax, label=label_of(data, output))
-    ax.set_xlabel(label_of(data, x))
-    ax.set_ylabel(label_of(data, y))
+    figure_of(ax).colorbar(filled, ax=ax, label=label)
+    ax.set_xlabel(across_label)
+    ax.set_ylabel(up_label)
     return ax
 
 
@@ -89,7 +93,7 @@ def distribution(
     ax.hist(
         w, bins=min(40, max(5, int(np.sqrt(len(w))))), color=COLOURS[0], alpha=0.55, edgecolor="white", linewidth=0.6
     )
-    ax.set_xlabel(label_of(data, output))
+    ax.set_xlabel(column(data, output)[1])
     ax.set_ylabel("samples [1]")
     right = ax.twinx()
     right.grid(False)
@@ -117,14 +121,13 @@ def sample_scatter(data: xr.Dataset, x: str, y: str, colour: str | None = None, 
     ax : Axes
     """
     ax = axes(ax)
-    hue: Any = COLOURS[0] if colour is None else data[colour].values
-    dots = ax.scatter(
-        data[x].values, data[y].values, c=hue, s=14, cmap=MAP if colour else None, alpha=0.8, linewidths=0
-    )
+    (u, across_label), (v, up_label) = column(data, x), column(data, y)
+    hue: Any = COLOURS[0] if colour is None else column(data, colour)[0]
+    dots = ax.scatter(u, v, c=hue, s=14, cmap=MAP if colour else None, alpha=0.8, linewidths=0)
     if colour is not None:
-        figure_of(ax).colorbar(dots, ax=ax, label=label_of(data, colour))
-    ax.set_xlabel(label_of(data, x))
-    ax.set_ylabel(label_of(data, y))
+        figure_of(ax).colorbar(dots, ax=ax, label=column(data, colour)[1])
+    ax.set_xlabel(across_label)
+    ax.set_ylabel(up_label)
     return ax
 
 
@@ -160,7 +163,7 @@ def parallel_coordinates(data: xr.Dataset, inputs: Sequence[str], output: str, a
     ax.grid(False)
     for place in places:
         ax.axvline(float(place), color=PALE, lw=1, zorder=0)
-    figure_of(ax).colorbar(lines, ax=ax, label=label_of(data, output))
+    figure_of(ax).colorbar(lines, ax=ax, label=column(data, output)[1])
     return ax
 
 

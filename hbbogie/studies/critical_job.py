@@ -64,10 +64,10 @@ def critical(
     Returns
     -------
     dict
-        ``critical``, the smallest critical value, and its ``kind``; ``fold`` and ``hopf``, the smallest of each, with
-        ``fold_omega``, ``hopf_omega`` [rad/s], ``fold_<coordinate>``, the peak of each nonlinear coordinate at the
-        fold, numbers of ``folds`` and ``hopfs``, and the gradients. "No fold" with the evidence is an answer; a
-        branch that cannot be followed is not.
+        ``critical``, the smallest critical value, and its ``kind``; ``fold`` and ``hopf``, the smallest of each;
+        ``depth``, how far ``critical`` lies below ``hopf`` [%]; ``fold_omega``, ``hopf_omega`` [rad/s];
+        ``fold_<coordinate>``, the peak of each nonlinear coordinate at the fold; numbers of ``folds`` and ``hopfs``; and
+        the gradients. "No fold" with the evidence is an answer; a branch that cannot be followed is not.
     """
     if search not in SEARCHES:
         raise ModelError(f"job critical: {unknown_name('search', search, SEARCHES)}")
@@ -98,6 +98,8 @@ def critical(
         outputs = {"kind": "fold", "critical": first.value}
     # a branch that got lost above the smallest critical value may still come down, but was not seen to
     failed = any(not f.complete and (f is followed[0] or f.lowest < outputs["critical"]) for f in followed)
+    if hopf.value:
+        outputs["depth"] = 100 * (1 - outputs["critical"] / hopf.value)
     outputs |= _point("hopf", hopf, gradients)
     if first is not None:
         outputs |= _point("fold", first, gradients)

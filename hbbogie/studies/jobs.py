@@ -197,7 +197,7 @@ def _unit(name: str, system: System, unit: str) -> str:
     head, _, tail = name.partition("_d")
     if head in ("dfold", "dhopf") and tail in system.parameter_names:
         return f"({unit or '1'})/({system.parameter(tail).unit or '1'})"
-    if "_error_" in name:
+    if "_error_" in name or name == "depth":
         return "%"
     if name in ("kind", "folds", "hopfs", "points", "cycles") or name.startswith("stability"):
         return ""
