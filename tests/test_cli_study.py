@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
-from studies import STUDY, finished, process, wait_for, write_study
+from small_studies import STUDY, finished, process, wait_for, write_study
 from typer.testing import CliRunner
 
 from hbbogie.cli import app

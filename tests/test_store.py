@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import finished, process, wait_for, write_study
+from small_studies import finished, process, wait_for, write_study
 
 import hbbogie as hb
 from hbbogie.studies.dataset import dataset_of

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 from scipy import stats
-from studies import write_study
+from small_studies import write_study
 
 import hbbogie as hb
 from hbbogie import plot, studies

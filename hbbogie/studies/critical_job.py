@@ -66,8 +66,8 @@ def critical(
     dict
         ``critical``, the smallest critical value, and its ``kind``; ``fold`` and ``hopf``, the smallest of each;
         ``depth``, how far ``critical`` lies below ``hopf`` [%]; ``fold_omega``, ``hopf_omega`` [rad/s];
-        ``fold_<coordinate>``, the peak of each nonlinear coordinate at the fold; numbers of ``folds`` and ``hopfs``; and
-        the gradients. "No fold" with the evidence is an answer; a branch that cannot be followed is not.
+        ``fold_<coordinate>``, the peak of each nonlinear coordinate at the fold; numbers of ``folds`` and ``hopfs``;
+        and the gradients. "No fold" with the evidence is an answer; a branch that cannot be followed is not.
     """
     if search not in SEARCHES:
         raise ModelError(f"job critical: {unknown_name('search', search, SEARCHES)}")
