@@ -33,8 +33,13 @@ class Runner:
         self.executor = build()
 
     def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        """Submit a point."""
-        return self.executor.submit(run_point, self.payload, point, values)
+        """Submit a point; to a pool that has just broken, as a future that says so."""
+        try:
+            return self.executor.submit(run_point, self.payload, point, values)
+        except BrokenProcessPool as error:
+            future: cf.Future[Outcome] = cf.Future()
+            future.set_exception(error)
+            return future
 
     def rebuild(self) -> None:
         """Take a new executor for the one that broke."""

@@ -48,7 +48,7 @@ def sweep(
     Parameters
     ----------
     job : str or callable
-        "critical", "cycles", "branch", "compare", "file.py:function", or a function (system, **options) -> dict of
+        "critical", "cycles", "branch", "compare", "file.py:function", or a function ``(system, **options)`` -> dict of
         numbers and text, among them if need be ``status``, a sentence, and ``failed``.
     points : Points, mapping or sequence of mappings
         From `hbbogie.studies.grid`, `latin_hypercube`, `sobol`, ...; a mapping from name to values is a grid, a

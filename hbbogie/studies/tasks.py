@@ -37,7 +37,7 @@ class Task:
     problem : str or System
         Name of a shipped problem, path of a problem file, or a system.
     job : str or callable
-        Name of a job, "file.py:function", or a function (system, **options) -> dict.
+        Name of a job, "file.py:function", or a function ``(system, **options)`` -> dict.
     values : dict
         Parameter values, and options of the problem's builder, common to all points.
     options : dict
@@ -174,6 +174,8 @@ def run_point(payload: bytes, point: int, values: Mapping[str, float]) -> Outcom
         failed = bool(outputs.pop("failed", False))
         outputs = {name: _plain(name, value) for name, value in outputs.items()}
     except Exception as error:
+        if "KeyboardInterrupt" in str(error):  # Ctrl-C inside of CasADi
+            raise KeyboardInterrupt from error
         # of the first line only: CasADi adds its call stack
         reason = str(error).strip().partition("\n")[0] or "no message"
         return failure(point, f"{type(error).__name__}: {reason}", time.perf_counter() - start, worker)
