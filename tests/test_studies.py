@@ -15,7 +15,7 @@ from hbbogie import plot, studies
 from hbbogie.studies.distributions import Scaled, named_distribution, unit_factor
 from hbbogie.studies.jobs import critical
 from hbbogie.studies.reporting import report_of, write_html
-from hbbogie.studies.statistics import exceedance, prediction, sobol_indices
+from hbbogie.studies.statistics import exceedance, independent, prediction, sobol_indices
 
 
 @pytest.fixture(scope="module")
@@ -203,6 +203,16 @@ class TestStatistics:
                 e = exceedance(np.r_[np.ones(k), np.zeros(n - k)], 0.5, confidence=0.9)
                 covered += stats.binom.pmf(k, n, p) * (e.low <= p <= e.high)
             assert covered >= 0.9
+
+    def test_independent_points_of_saltelli(self):
+        """Two points of a block differ in every input; any other has something in common with one of the two."""
+        x, parameters = hb.Coordinate("x"), [hb.Parameter(n, 0.0) for n in "abc"]
+        system = hb.System("three numbers", [x], parameters, [x.ddot + x + sum(parameters)])
+        points = studies.saltelli(dict.fromkeys("abc", (0.0, 1.0)), 8, seed=1)
+        result = hb.sweep(_ishigami, points, problem=system, workers=0)
+        chosen = points.values[independent(result)]
+        assert len(chosen) == 16 and all(len(np.unique(column)) == 16 for column in chosen.T)
+        assert all(len(np.unique(column)) == 16 for column in points.values.T)
 
     def test_exceedance_counts(self):
         below = exceedance([1.0, 2.0, 3.0, np.nan], 2.5, above=False)

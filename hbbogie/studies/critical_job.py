@@ -156,7 +156,7 @@ def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float],
     lost = None
     for narrow in NARROW:
         try:
-            ladder = climb(equations, hopf, span[0], narrow)
+            ladder = climb(equations, hopf, span[0], below, narrow)
             if not ladder.complete:
                 lost = _Followed([], ladder.lowest, ladder.end, False)
                 break

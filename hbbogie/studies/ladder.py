@@ -55,7 +55,7 @@ class _Rung:
     slope: Array
 
 
-def climb(equations: Equations, hopf: SpecialPoint, low: float, narrow: float = 1e-5) -> Ladder:
+def climb(equations: Equations, hopf: SpecialPoint, low: float, below: float = np.inf, narrow: float = 1e-5) -> Ladder:
     """Compute cycles of growing amplitude from a Hopf point until the parameter is back at its value there.
 
     Parameters
@@ -64,6 +64,8 @@ def climb(equations: Equations, hopf: SpecialPoint, low: float, narrow: float = 
     hopf : SpecialPoint
     low : float, unit of the parameter
         Value below which nothing is looked for.
+    below : float, unit of the parameter
+        Value above which folds are not located.
     narrow : float, dimensionless
         Width of the amplitude, relative, to which a fold is bracketed.
     """
@@ -85,7 +87,9 @@ def climb(equations: Equations, hopf: SpecialPoint, low: float, narrow: float = 
                 end = f"no cycle found beyond amplitude {here.a:.6g}"
             continue
         if len(rungs) > 1 and here.slope[-1] * there.slope[-1] < 0:
-            folds.append(_fold(problem, here, there, narrow))
+            reach = abs(here.slope[-1]) * (there.a - here.a)  # how far beyond both ends the fold may lie
+            if min(here.y[-1], there.y[-1]) - reach < below:
+                folds.append(_fold(problem, here, there, narrow))
         rungs.append(there)
         value = there.y[-1]
         if value >= hopf.value and there.slope[-1] >= 0:

@@ -16,7 +16,7 @@ from hbbogie.errors import ModelError
 from hbbogie.figures import draw
 from hbbogie.report import Report
 from hbbogie.studies.dataset import names_of
-from hbbogie.studies.statistics import Exceedance, exceedance, prediction, sobol_indices, values_of
+from hbbogie.studies.statistics import Exceedance, exceedance, independent, prediction, sobol_indices, values_of
 from hbbogie.tables import Table, label
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def _sensitivity(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list
 
 def _distribution(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list[Table], Callable[[], Figure]]:
     output = figure["output"]
-    values, text = values_of(data, output), label(output, data[output].attrs["units"])
+    values, text = values_of(data, output)[independent(data)], label(output, data[output].attrs["units"])
     lines = [exceedance(values, t, above) for above in (False, True) for t in _thresholds(figure, above)]
     rows = tuple(
         ("above" if e.above else "below", e.threshold, e.probability, e.low, e.high, e.count, e.total) for e in lines
@@ -180,7 +180,9 @@ def _distribution(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[lis
     columns = ("side", f"threshold {text}", "probability [1]", "95 % from", "95 % to", "points", "of")
     formats = ("", ".6g", *[".5f"] * 3, "d", "d")
     tables = [Table(f"{k}_exceedance", f"Probabilities: {text}", columns, rows, formats)] if rows else []
-    return tables, partial(draw, "distribution", data, output, [(e.threshold, _sentence(e)) for e in lines])
+    return tables, partial(
+        draw, "distribution", data.isel(point=independent(data)), output, [(e.threshold, _sentence(e)) for e in lines]
+    )
 
 
 def _thresholds(figure: Mapping[str, Any], above: bool) -> list[float]:

@@ -105,6 +105,15 @@ def values_of(data: xr.Dataset, output: str) -> Array:
     return np.asarray(values, dtype=float)
 
 
+def independent(data: xr.Dataset) -> NDArray[np.bool_]:
+    """Tell which points are independent samples, shape (N,): of Saltelli's, two of each block, of others all."""
+    points = data["point"].values
+    if data.attrs["sampling"] != "saltelli":
+        return np.ones(len(points), dtype=bool)
+    block = len(names_of(data, "inputs")) + 2
+    return np.isin(points % block, (0, block - 1))
+
+
 def exceedance(values: ArrayLike, threshold: float, above: bool = True, confidence: float = 0.95) -> Exceedance:
     """Return the probability of lying beyond a threshold, with its confidence interval.
 
