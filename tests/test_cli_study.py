@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -145,7 +147,7 @@ def test_points_of_a_file_and_a_list(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "count"), [("conicity_yaw_stiffness", 4), ("describing_function_error", 3)])
+@pytest.mark.parametrize(("name", "count"), [("conicity_yaw_stiffness", 4), ("describing_function_error", 2)])
 def test_shipped_studies_in_small(tmp_path, name, count):
     result = call("run", name, "--points", count, "--workers", 0, "--output", tmp_path / "out", "--json")
     assert result.exit_code == 0, result.output
@@ -164,6 +166,15 @@ def test_shipped_uncertainty_in_small(tmp_path):
     document = json.loads(result.stdout)
     assert "56 of 56 finished, 0 without" in dict(document["tables"][0]["rows"])["points"]
     assert {"2_sensitivity", "1_exceedance", "3_prediction"} <= {t["name"] for t in document["tables"]}
+
+
+def test_the_study_file_of_the_documentation(tmp_path):
+    text = (Path(__file__).parent.parent / "docs" / "studies.md").read_text("utf-8")
+    (tmp_path / "shown.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.DOTALL)[1])
+    shown = load_study(tmp_path / "shown.toml")
+    assert len(shown.points) == 200 and "V" not in shown.points.names and shown.values == {"K1": 3.2e6}
+    K2 = shown.points.values[:, shown.points.names.index("K2")]
+    assert 2e6 <= K2.min() < 2.2e6 and 19.8e6 < K2.max() <= 20e6
 
 
 def test_every_shipped_study_is_sound():

@@ -159,7 +159,7 @@ def parallel_coordinates(data: xr.Dataset, inputs: Sequence[str], output: str, a
     ax.add_collection(lines)
     ax.set_xlim(-0.2, len(columns) - 0.8)
     ax.set_ylim(-0.05, 1.05)
-    texts = [f"{n}\n{lo:.3g} to {hi:.3g}" for n, (lo, hi) in zip((*inputs, output), ranges, strict=True)]
+    texts = [f"{n}\n{lo:.3g}\nto {hi:.3g}" for n, (lo, hi) in zip((*inputs, output), ranges, strict=True)]
     ax.set_xticks(places, texts, fontsize=8)
     ax.set_yticks([0, 1], ["smallest", "largest"])
     ax.grid(False)

@@ -31,7 +31,7 @@ KNOWN, NEAR = (
 NARROW = (1e-5, 1e-7)  # widths to which folds are bracketed, tried in turn
 MAX_POINTS = 200  # of a branch
 MARGIN = 0.05  # by which a branch goes on beyond its Hopf point's value, as a share of the interval below
-STEPS = (0.02, 0.005, 0.1)  # first steps of a continuation, tried in turn
+STEPS = (0.02, 0.05, 0.005)  # first steps of a continuation, tried in turn
 
 
 def critical(

@@ -277,7 +277,7 @@ def _disk(path: Path, error: sqlite3.Error) -> ModelError:
     """Return the sentence for what SQLite says when it cannot write."""
     folder = path.resolve().parent
     text = str(error)
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         reason = f"the directory {str(folder)!r} does not exist; make it"
     elif (
         not os.access(folder, os.W_OK)

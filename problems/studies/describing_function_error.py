@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hbbogie import HarmonicBalance, Orbit, SpecialPoint, System, hopf_points, trace
+from hbbogie import ConvergenceError, HarmonicBalance, Orbit, SpecialPoint, System, hopf_points, trace
 from hbbogie.cycles import crossings
 from hbbogie.studies.jobs import critical
 
@@ -63,6 +63,11 @@ errors.units = {  # type: ignore[attr-defined]
 def _large(system: System, harmonics: int, hopf: SpecialPoint, low: float) -> Orbit | None:
     """Return the largest cycle of the branch from the Hopf point at the speed of the comparison."""
     equations, speed = HarmonicBalance(harmonics).equations(system), ABOVE * hopf.value
-    branch = trace(equations, hopf, hopf.parameter, (low, 1.01 * speed), families=False)
-    orbits = crossings(equations, branch, speed)
-    return max(orbits, key=lambda o: float(np.linalg.norm(o.coefficients[1:])), default=None)
+    for step in (0.02, 0.05):  # a continuation may meet a singular point with one step and not with another
+        try:
+            branch = trace(equations, hopf, hopf.parameter, (low, 1.01 * speed), step=step, families=False)
+            orbits = crossings(equations, branch, speed)
+            return max(orbits, key=lambda o: float(np.linalg.norm(o.coefficients[1:])), default=None)
+        except np.linalg.LinAlgError:
+            continue
+    raise ConvergenceError(f"the branch with {harmonics} harmonics cannot be followed: a singular point")
