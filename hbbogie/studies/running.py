@@ -28,7 +28,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 class Runner:
     """Submits points to an executor; a local pool that broke is built anew."""
 
-    def __init__(self, payload: bytes, build: Callable[[], cf.Executor], rebuilds: bool, window: int):
+    def __init__(self, payload: bytes | Task, build: Callable[[], cf.Executor], rebuilds: bool, window: int):
         self.payload, self.build, self.rebuilds, self.window = payload, build, rebuilds, window
         self.executor = build()
 
@@ -76,7 +76,7 @@ def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, sch
         yield Runner(task.packed(by_value=True), lambda: executor, False, window)
         return
     if workers == 0:
-        yield Runner(task.packed(), _Here, False, 1)
+        yield Runner(task, _Here, False, 1)
         return
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise ModelError('sweep: put the call below: if __name__ == "__main__": (worker processes import the script).')

@@ -149,19 +149,19 @@ def failure(point: int, reason: str, seconds: float = float("nan"), worker: str 
 
 
 @functools.lru_cache(maxsize=2)
-def _ready(payload: bytes) -> tuple[System, Callable[..., Outputs], dict[str, Any]]:
+def _ready(payload: bytes | Task) -> tuple[System, Callable[..., Outputs], dict[str, Any]]:
     """Return the system, the job and its options: built once in a worker, with all functions built for them."""
-    task: Task = pickle.loads(payload)
+    task: Task = payload if isinstance(payload, Task) else pickle.loads(payload)
     return task.system(), task.function, dict(task.options)
 
 
-def run_point(payload: bytes, point: int, values: Mapping[str, float]) -> Outcome:
+def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) -> Outcome:
     """Do the job at one point; whatever goes wrong becomes an outcome.
 
     Parameters
     ----------
-    payload : bytes
-        A packed `Task`.
+    payload : bytes or Task
+        A packed `Task`; itself where it stays in its process.
     point : int
     values : mapping from name to float
         Parameter values, in the unit of each.
