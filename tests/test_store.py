@@ -236,9 +236,29 @@ def test_what_is_no_store(tmp_path):
     with pytest.raises(hb.ModelError, match=r"not a database|not the store"):
         Store.read(tmp_path / "text.db")
     points = grid({"a": [1.0]})
+    (tmp_path / "new.db.part").write_text("what a process left that was killed before it had made its store")
     Store.create(tmp_path / "new.db", points, {}).close()
     with pytest.raises(hb.ModelError, match="exists"):
         Store.create(tmp_path / "new.db", points, {})
+
+
+@unix
+def test_finished_store_is_one_file_that_can_be_read_anywhere(tmp_path):
+    """Also where nothing can be written beside it."""
+    path, store = write_study(tmp_path), tmp_path / "shelf" / "s.db"
+    store.parent.mkdir()
+    first = run(path, store=store)
+    assert {p.name for p in store.parent.iterdir()} == {"s.db", "s.db.lock"}
+    store.chmod(0o444)
+    store.parent.chmod(0o555)
+    for folder in (tmp_path, *tmp_path.parents):
+        if Path(tempfile.gettempdir()) in folder.parents:
+            folder.chmod(0o755)
+    with as_nobody():
+        assert read(store).equals(first)
+        with pytest.raises(hb.ModelError, match="read-only"):
+            Store.open(store)
+    store.parent.chmod(0o755)
 
 
 @unix

@@ -10,7 +10,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ CREATE TABLE points (
 );
 """
 SQL_INSERT = "INSERT OR REPLACE INTO points (point, inputs) VALUES (?, ?)"
+SQL_ABOUT = "INSERT OR REPLACE INTO about VALUES (?, ?)"
 SQL_PUT = """UPDATE points SET outputs = ?, status = ?, failed = ?, seconds = ?, worker = ?,
     finished = strftime('%Y-%m-%dT%H:%M:%fZ') WHERE point = ?"""
 
@@ -83,21 +84,22 @@ class Store:
         target = Path(path or ":memory:")
         if path is not None and target.exists():
             raise ModelError(f"{str(target)!r} exists; resume it, or give another name.")
-        lock = None if path is None else _lock(target)
+        content = {**about, "layout": VERSION, **_described(points)}
+        if path is None:
+            connection = sqlite3.connect(":memory:")
+            _fill(connection, points, content)
+            return cls(target, connection, None)
+        lock, part = _lock(target), Path(f"{target}.part")
         try:
-            store = cls(target, _connect(target), lock)
-            with store._connection as c:
-                c.executescript(LAYOUT)
-                _reserve(c, max(LEAST, EACH * len(points)))
-                c.execute(SQL_INSERT, (NOMINAL, "{}"))
-                c.executemany(SQL_INSERT, [(i, json.dumps(points.point(i))) for i in range(len(points))])
-            store.describe({**about, "layout": VERSION, **_described(points)})
-            return store
-        except sqlite3.Error as error:
-            if lock is not None:
-                _unlock(target, lock)
-            for end in ("", "-wal", "-shm"):
-                Path(f"{target}{end}").unlink(missing_ok=True)
+            part.unlink(missing_ok=True)
+            with closing(sqlite3.connect(part)) as connection:
+                _reserve(connection, max(LEAST, EACH * len(points)))
+                _fill(connection, points, content)
+            part.replace(target)  # whole or not at all, whenever the process is killed
+            return cls(target, _connect(target), lock)
+        except (sqlite3.Error, OSError) as error:
+            _unlock(lock)
+            part.unlink(missing_ok=True)
             raise _disk(target, error) from error
 
     @classmethod
@@ -113,16 +115,18 @@ class Store:
         lock = _lock(target)
         try:
             store = cls(target, _connect(target), lock)
+        except sqlite3.Error as error:
+            _unlock(lock)
+            raise _disk(target, error) from error
+        try:
             store._check()
-            with store._connection as c:
-                missing = int(c.execute("SELECT count(*) FROM points WHERE outputs IS NULL").fetchone()[0])
-                _reserve(c, max(LEAST, EACH * missing))
+            _reserve(store._connection, max(LEAST, EACH * len(store.missing())))
             return store
         except sqlite3.Error as error:
-            _unlock(target, lock)
+            store.close()
             raise _disk(target, error) from error
         except ModelError:
-            _unlock(target, lock)
+            store.close()
             raise
 
     @classmethod
@@ -131,11 +135,15 @@ class Store:
         target = _existing(path)
         try:
             connection = sqlite3.connect(f"{target.resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)
-            store = cls(target, connection, None)
-            store._check()
-            return store
         except sqlite3.Error as error:
             raise _disk(target, error) from error
+        store = cls(target, connection, None)
+        try:
+            store._check()
+        except ModelError:
+            store.close()
+            raise
+        return store
 
     def _check(self) -> None:
         try:
@@ -147,9 +155,12 @@ class Store:
 
     def close(self) -> None:
         """Close the file and give its lock back."""
+        if self._lock is not None:
+            with suppress(sqlite3.Error):  # refused while somebody reads, and then the file stays as it is
+                self._connection.execute("PRAGMA journal_mode = DELETE")  # one file, to be read anywhere
         self._connection.close()
         if self._lock is not None:
-            _unlock(self.path, self._lock)
+            _unlock(self._lock)
             self._lock = None
 
     # --- what it is about ---------------------------------------------------------------------
@@ -158,7 +169,7 @@ class Store:
         """Write down what the study is about, by name."""
         rows = [(name, json.dumps(value)) for name, value in about.items()]
         with self._connection as c:
-            c.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", rows)
+            c.executemany(SQL_ABOUT, rows)
 
     def about(self) -> dict[str, Any]:
         """Return what was written down by `describe`."""
@@ -241,11 +252,22 @@ def _existing(path: str | Path) -> Path:
     return Path(path)
 
 
+def _fill(connection: sqlite3.Connection, points: Points, about: Mapping[str, Any]) -> None:
+    """Write layout, points and description of a new study."""
+    connection.executescript(LAYOUT)
+    connection.execute(SQL_INSERT, (NOMINAL, "{}"))
+    connection.executemany(SQL_INSERT, [(i, json.dumps(points.point(i))) for i in range(len(points))])
+    connection.executemany(SQL_ABOUT, [(name, json.dumps(value)) for name, value in about.items()])
+    connection.commit()
+
+
 def _reserve(connection: sqlite3.Connection, size: int) -> None:
     """Claim room in the file: what is deleted again stays in it as free pages."""
-    connection.execute("CREATE TABLE reserve (room BLOB)")
+    connection.execute("CREATE TABLE IF NOT EXISTS reserve (room BLOB)")
     connection.execute("INSERT INTO reserve VALUES (zeroblob(?))", (size,))
+    connection.commit()
     connection.execute("DROP TABLE reserve")
+    connection.commit()
 
 
 def _lock(path: Path) -> sqlite3.Connection:
@@ -268,12 +290,12 @@ def _lock(path: Path) -> sqlite3.Connection:
     return lock
 
 
-def _unlock(path: Path, lock: sqlite3.Connection) -> None:
+def _unlock(lock: sqlite3.Connection) -> None:
     with closing(lock):
         lock.rollback()
 
 
-def _disk(path: Path, error: sqlite3.Error) -> ModelError:
+def _disk(path: Path, error: sqlite3.Error | OSError) -> ModelError:
     """Return the sentence for what SQLite says when it cannot write."""
     folder = path.resolve().parent
     text = str(error)
