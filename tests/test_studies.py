@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 from scipy import stats
-from small_studies import write_study
+from small_studies import process, write_study
 
 import hbbogie as hb
 from hbbogie import plot, studies
@@ -149,6 +149,22 @@ class TestSweep:
         assert data["failed"].values.tolist() == [False, False, True, False, False]
         assert "the worker process died" in str(data["status"].values[2])
         np.testing.assert_array_equal(data["y"].values, [1, 2, np.nan, 4, 5])
+
+    def test_script_without_the_usual_line_is_told(self, folder, tmp_path):
+        """Workers import the script; one that sweeps again when it is imported would never end."""
+        call = (
+            f"hb.sweep({str(folder / 'jobs.py') + ':product'!r}, {{'k': [1.0]}}, problem={str(folder / 'spring.py')!r})"
+        )
+        (tmp_path / "script.py").write_text(f"import hbbogie as hb\nprint({call}['product'].values)\n")
+        run = process("script", cwd=tmp_path)
+        out, err = run.communicate(timeout=60)
+        assert (
+            run.returncode == 1 and out == "" and 'In a script the call stands below: if __name__ == "__main__":' in err
+        )
+        text = f"import hbbogie as hb\nif __name__ == '__main__':\n    print({call}['product'].values)\n"
+        (tmp_path / "script.py").write_text(text)
+        out, err = process("script", cwd=tmp_path).communicate(timeout=60)
+        assert out == "[1.]\n", err
 
     @pytest.mark.parametrize(
         ("job", "points", "message"),

@@ -89,9 +89,21 @@ def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, sch
     with _one_thread_each():
         runner = Runner(task.packed(), pool, True, 2 * count)
         try:
+            _await_start([runner.executor.submit(os.getpid) for _ in range(count)])
             yield runner
         finally:
             runner.executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _await_start(answers: list[cf.Future[int]]) -> None:
+    """Wait for the first worker to answer; raise `ModelError` where they cannot even start."""
+    try:
+        answers[0].result()
+    except BrokenProcessPool:
+        raise ModelError(
+            "the worker processes end as soon as they start; see what they print above. In a script the call stands "
+            'below: if __name__ == "__main__":'
+        ) from None
 
 
 def cores() -> int:
