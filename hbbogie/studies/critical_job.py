@@ -24,10 +24,8 @@ Outputs = dict[str, Any]
 Array = NDArray[np.float64]
 FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's are among the first
 SEARCHES = ("lowest", "all", "warm")
-KNOWN, NEAR = (
-    200,
-    0.2,
-)  # folds kept for warm starts; relative distance of parameters and frequency up to which they serve
+KNOWN = 200  # folds kept for warm starts
+NEAR = 0.2  # relative distance of parameters, and of the frequency, up to which they serve
 NARROW = (1e-5, 1e-7)  # widths to which folds are bracketed, tried in turn
 MAX_POINTS = 200  # of a branch
 MARGIN = 0.05  # by which a branch goes on beyond its Hopf point's value, as a share of the interval below

@@ -167,7 +167,7 @@ class Store:
 
     def describe(self, about: Mapping[str, Any]) -> None:
         """Write down what the study is about, by name."""
-        rows = [(name, json.dumps(value)) for name, value in about.items()]
+        rows = [(name, json.dumps(value, default=str)) for name, value in about.items()]
         with self._connection as c:
             c.executemany(SQL_ABOUT, rows)
 
@@ -202,7 +202,8 @@ class Store:
         with self._connection as c:
             query = f"SELECT {columns} FROM points WHERE outputs IS NOT NULL AND point >= 0"
             old = {row[0]: row[1:] for row in c.execute(query)}
-            c.execute("DELETE FROM points WHERE point >= 0")
+            c.execute("DELETE FROM points")
+            c.execute(SQL_INSERT, (NOMINAL, "{}"))
             inputs = [json.dumps(points.point(i)) for i in range(len(points))]
             rows = [(i, text, *old.get(text, (None,) * 6)) for i, text in enumerate(inputs)]
             c.executemany(f"INSERT INTO points (point, {columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
@@ -257,7 +258,7 @@ def _fill(connection: sqlite3.Connection, points: Points, about: Mapping[str, An
     connection.executescript(LAYOUT)
     connection.execute(SQL_INSERT, (NOMINAL, "{}"))
     connection.executemany(SQL_INSERT, [(i, json.dumps(points.point(i))) for i in range(len(points))])
-    connection.executemany(SQL_ABOUT, [(name, json.dumps(value)) for name, value in about.items()])
+    connection.executemany(SQL_ABOUT, [(name, json.dumps(value, default=str)) for name, value in about.items()])
     connection.commit()
 
 

@@ -82,7 +82,9 @@ class Task:
         """Return hashes of what decides the results: of the problem, of the job, of its options."""
         return {
             "problem": problem_hash(self.system()),
-            "job": _digest(_source(self.function)) if self.job not in JOBS else f"{self.job} of hbbogie",
+            "job": _digest(_source(self.function))
+            if self.job not in JOBS
+            else f"{self.job} of hbbogie {versions()['hbbogie']}",
             "options": json.dumps(dict(sorted(self.options.items())), default=str),
         }
 
