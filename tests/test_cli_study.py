@@ -149,19 +149,18 @@ def test_points_of_a_file_and_a_list(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), [("conicity_yaw_stiffness", 4), ("describing_function_error", 2)])
 def test_shipped_studies_in_small(tmp_path, name, count):
-    result = call("run", name, "--points", count, "--workers", 0, "--output", tmp_path / "out", "--json")
+    output = ("--output", tmp_path / "out") if name.startswith("conicity") else ()
+    result = call("run", name, "--points", count, "--workers", 0, "--json", *output)
     assert result.exit_code == 0, result.output
     rows = dict(json.loads(result.stdout)["tables"][0]["rows"])
     assert f"{count} of {count} finished, 0 without an answer" in rows["points"]
-    assert (tmp_path / "out" / f"{name}.html").stat().st_size > 50_000
+    assert not output or (tmp_path / "out" / f"{name}.html").stat().st_size > 50_000
 
 
 @pytest.mark.slow
-def test_shipped_uncertainty_in_small(tmp_path):
+def test_shipped_uncertainty_in_small():
     """Eight base points of five inputs."""
-    result = call(
-        "run", "creep_conicity_uncertainty", "--points", 8, "--workers", 0, "--output", tmp_path / "out", "--json"
-    )
+    result = call("run", "creep_conicity_uncertainty", "--points", 8, "--workers", 0, "--json")
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert "56 of 56 finished, 0 without" in dict(document["tables"][0]["rows"])["points"]
