@@ -31,3 +31,6 @@ napoleon_use_rtype = False
 
 html_theme = "furo"
 html_title = f"hbbogie {release}"
+
+# types in docstrings are short names, of which several modules may have one (`Critical`, `Point`)
+suppress_warnings = ["ref.python"]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hbbogie.equations import Equations
 from hbbogie.guesses import first_cycle
 from hbbogie.results import Orbit, SpecialPoint
-from hbbogie.solvers import Conditions, Problem
+from hbbogie.rootfinding import Conditions, Problem
 
 Array = NDArray[np.float64]
 FIRST, WIDEST, SHORTEST = 3e-3, 0.2, 1e-5  # steps of the amplitude, relative to itself
