@@ -80,9 +80,9 @@ def fold(
     """Locate a fold, the extremum of a parameter over the cycles, with the gradient of its value.
 
     Newton's method on the conditions of optimality of the nonlinear program "extremum of the parameter subject to
-    the equations" (eq-fold-optimality), with exact second derivatives. The multipliers are the gradient (eq-fold-gradient). Where that
-    fails from a guess at other parameter values, these are gone to in steps; where that fails, branches are traced
-    from the Hopf points about the guess's value.
+    the equations" (eq-fold-optimality), with exact second derivatives. The multipliers are the gradient
+    (eq-fold-gradient). Where that fails from a guess at other parameter values, these are gone to in steps; where that
+    fails, branches are traced from the Hopf points about the guess's value.
 
     Parameters
     ----------
