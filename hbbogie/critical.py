@@ -24,7 +24,7 @@ ITERATIONS = 25
 FARTHEST = 0.2  # longest step of an unknown, in units of its scale: a guess near a fold is near it
 FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its value, below which there is no extremum
 COARSE = 15  # highest harmonic with which branches are traced in search of folds
-SHORTEST = 1e-3  # share of the way to new parameters at which the walk gives up
+SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +81,8 @@ def fold(
 
     Newton's method on the conditions of optimality of the nonlinear program "extremum of the parameter subject to
     the equations" (eq-fold-optimality), with exact second derivatives. The multipliers are the gradient
-    (eq-fold-gradient). Where that fails from a guess at other parameter values, these are gone to in steps; where that
-    fails, branches are traced from the Hopf points about the guess's value.
+    (eq-fold-gradient). Where that fails, branches are traced from the Hopf points about the guess's value; where that
+    finds none, the parameters are gone to in steps from those of the guess.
 
     Parameters
     ----------
@@ -112,10 +112,10 @@ def fold(
         raise ModelError("fold: the equations are those of equilibria; ask for at least one harmonic.")
     orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess
     found = _newton(equations, place, orbit, system.vector(), tolerance)
-    if search and not found.converged and set(orbit.parameters) == set(system.parameter_names):
-        found = _walk(equations, place, orbit, tolerance) or found
     if search and not found.converged:
         found = _by_tracing(equations, place, orbit, tolerance) or found
+    if search and not found.converged and set(orbit.parameters) == set(system.parameter_names):
+        found = _walk(equations, place, orbit, tolerance) or found
     if not found.converged:
         raise ConvergenceError(
             f"no fold found near the guess ({equations.method}; {found.why}). What to try: locate it first with trace, "
