@@ -67,6 +67,24 @@ def stop_branch() -> Figure:
     return plot.figure_of(ax)
 
 
+def circuit_branches() -> Figure:
+    """Draw symmetric, asymmetric and doubled cycles of the circuit without bias."""
+    module = hb.load_problem("circuit")
+    circuit, interval = module.circuit(**module.SYMMETRIC), (-0.65, -0.57)
+    equations = [hb.HarmonicBalance(H, odd=odd).equations(circuit) for H, odd in ((15, True), (15, False), (30, False))]
+    (hopf,) = hb.hopf_points(circuit, "v", interval)
+    main = hb.trace(equations[0], hopf, "v", interval)
+    fork = next(s for s in main.special if s.kind == "pitchfork")
+    broken = hb.trace(equations[1], fork, "v", interval)
+    doubling = next(s for s in broken.special if s.kind == "period doubling")
+    doubled = hb.trace(equations[2], doubling, "v", interval)
+    # both halves have the same peaks: one is enough
+    broken = broken.with_orbits(broken.orbits[int(np.argmax(broken.values)) :])
+    labels = ["symmetric", "asymmetric", "twice the period"]
+    ax = plot.branch([main, broken, doubled], y="x", labels=labels, parameter_label="conductance v [1]")
+    return plot.figure_of(ax)
+
+
 def bogie_basin() -> Figure:
     """Draw the front wheelset at 90 m/s from two starts: one motion dies out, the other hunts."""
     bogie = hb.load_problem("yang1995").bogie(V=90.0)
@@ -134,8 +152,8 @@ def save(figure: Figure, name: str) -> None:
 def main(wanted: list[str]) -> None:
     """Draw the figures whose names are given, or all."""
     IMAGES.mkdir(exist_ok=True)
-    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, bogie_basin, attraction]
-    own += [bogie_chart, bogie_cusps]
+    own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, circuit_branches, bogie_basin]
+    own += [attraction, bogie_chart, bogie_cusps]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)

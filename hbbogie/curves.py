@@ -205,8 +205,23 @@ class _About:
                 continue  # what crosses there is known
             harmonics = 2 * H if special.kind == "period doubling" else H
             equations = HarmonicBalance(harmonics, odd=False).equations(self.system)
-            found.setdefault(special.kind.replace(" ", "_"), []).extend(self.one(equations, special, True, notes))
+            beyond = self.one(equations, special, True, notes)
+            if special.kind == "pitchfork":
+                beyond = [_one_half(b) for b in beyond]
+                notes.append(
+                    "Of two asymmetric branches one is shown: the other is its mirror image, q(t) = -q(t + T/2)."
+                )
+            found.setdefault(special.kind.replace(" ", "_"), []).extend(beyond)
         return {name: b for kind, many in found.items() for name, b in _named(kind, many).items()}
+
+
+def _one_half(branch: Branch) -> Branch:
+    """Return a branch through a pitchfork from there on."""
+    fork = next((s.orbit for s in branch.special if s.kind == "pitchfork"), branch.orbits[0])
+    start = next((i for i, o in enumerate(branch.orbits) if o is fork), 0)
+    kept = {id(o) for o in branch.orbits[start:]}
+    special = tuple(s for s in branch.special if id(s.orbit) in kept)
+    return Branch(branch.orbits[start:], branch.parameter, special, ("began here, at the pitchfork", branch.ends[1]))
 
 
 def _cycles(system: System, parameter: str, harmonics: int | str, stability: bool, notes: list[str]) -> list[Orbit]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hbbogie import Branch, ModelError, Orbit, Stability, load_problem
-from hbbogie.curves import default_interval, stability_of
+from hbbogie.curves import curves, default_interval, stability_of
 from hbbogie.problem import system_of
 from hbbogie.report import Report, Table, check_directory, study
 from hbbogie.tables import cycles_table, largest_multiplier, plain
@@ -182,3 +182,14 @@ def test_an_unknown_verdict_is_tried_with_more_harmonics():
     unknown = Stability("unknown", np.array([1.1, 0.1], complex), 0.1, 0, "rough.")
     better = stability_of(system, rough.replace(stability=unknown))
     assert better.verdict == "stable" and "Judged with harmonics up to" in better.reason
+
+
+def test_of_mirror_images_one_is_shown():
+    """The circuit without bias: symmetric branch, one asymmetric half from the pitchfork, doubled cycles if any."""
+    module = load_problem("circuit")
+    found = curves(module.circuit(e=0.0), "v", (-0.6, -0.57), harmonics=15)
+    assert [s.kind for s in found.branches["pitchfork"].special][0] == "pitchfork"
+    half = found.branches["pitchfork"]
+    assert (np.diff(half.values) < 0).all()
+    assert abs(half.orbits[0].coefficients[0]).max() < 1e-8 < abs(half.orbits[-1].coefficients[0]).max()
+    assert any("mirror image" in note for note in found.notes)
