@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,7 +166,8 @@ class _Search:
         for hopf in (point for point, limit in self.starts[value] if limit or secondary):
             folds: tuple[SpecialPoint, ...] = ()
             with self._noted(f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
-                folds = trace(equations, hopf, name, self.span, families=False, max_points=POINTS).folds()
+                options: dict[str, Any] = {"families": False, "stability": False, "max_points": POINTS}
+                folds = trace(equations, hopf, name, self.span, **options).folds()
             for fold in folds:
                 with self._noted(f"The curve through the fold at {name} = {fold.value:g}, {over} = {value:g}"):
                     if any(passes(other, fold, value) for other in self.folds):

@@ -24,7 +24,7 @@ def design(
     name: DesignFile,
     starts: Annotated[int, typer.Option(min=1, help="Searches; all but the first begin at random designs.")] = 1,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
-    samples: Annotated[int, typer.Option(min=0, help="Random designs that check the moments, before and after.")] = 60,
+    samples: Annotated[int, typer.Option(min=0, help="Random designs that check the moments, before and after.")] = 40,
     robust: Annotated[
         float | None,
         typer.Option(metavar="K", help="Raise the mean minus K standard deviations of the critical value."),

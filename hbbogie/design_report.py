@@ -42,7 +42,7 @@ def design_of(
     *,
     starts: int = 1,
     seed: int = 0,
-    samples: int = 60,
+    samples: int = 40,
     robust: float | None = None,
 ) -> Report:
     """Optimise the design of a problem and check it.

@@ -183,7 +183,7 @@ class FoldCurve:
         try:
             amplitude = {leader: orbit.first_harmonic(leader)}
             start = solve(equations, orbit, amplitude=amplitude, free=name, method="newton")
-            branch = trace(equations, start, name, span, families=False, max_points=60)
+            branch = trace(equations, start, name, span, families=False, stability=False, max_points=60)
         except (ConvergenceError, ModelError):
             return None
         for special in sorted(

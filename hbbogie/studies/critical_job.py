@@ -27,7 +27,7 @@ SEARCHES = ("lowest", "all", "warm")
 KNOWN = 200  # folds kept for warm starts
 NEAR = 0.2  # relative distance of parameters, and of the frequency, up to which they serve
 NARROW = (1e-5, 1e-7)  # widths to which folds are bracketed, tried in turn
-MAX_POINTS = 200  # of a branch
+PLAIN: dict[str, Any] = {"max_points": 200, "families": False, "stability": False}  # how branches are traced
 MARGIN = 0.05  # by which a branch goes on beyond its Hopf point's value, as a share of the interval below
 STEPS = (0.02, 0.05, 0.005)  # first steps of a continuation, tried in turn
 
@@ -173,7 +173,7 @@ def _all(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) ->
     reason = ""
     for step in STEPS:
         try:
-            branch = trace(equations, hopf, hopf.parameter, span, step=step, max_points=MAX_POINTS, families=False)
+            branch = trace(equations, hopf, hopf.parameter, span, step=step, **PLAIN)
         except FAILURES as error:
             reason = reason or str(error).partition("\n")[0]
             continue

@@ -86,7 +86,7 @@ def branch(
     if not points:
         return {"folds": 0, "points": 0, "status": f"no Hopf point from {span[0]:g} to {span[1]:g}"}
     equations = HarmonicBalance(harmonics).equations(system)
-    traced = trace(equations, points[0], parameter, span, families=False)
+    traced = trace(equations, points[0], parameter, span, families=False, stability=False)
     outputs: Outputs = {"hopf": points[0].value, "folds": len(traced.folds()), "points": len(traced)}
     outputs |= {"lowest": traced.values.min(), "highest": traced.values.max()}
     outputs |= {f"fold_{k}": s.value for k, s in enumerate(traced.folds(), 1)}
