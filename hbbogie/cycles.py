@@ -95,8 +95,8 @@ def find_cycles(
         try:
             found = _search(HarmonicBalance(H).equations(system), name, value, (lo, hi))
             break
-        except ConvergenceError:
-            if ORDERS[-1] == H:
+        except ConvergenceError as error:
+            if ORDERS[-1] == H or not error.statistics.get("unresolved", True):
                 raise
     return [_refined(system, orbit, tolerance, stability) for orbit in found]
 
@@ -259,6 +259,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     mode = mode / np.abs(mode).max(initial=1e-300)
     found: list[Orbit] = []
     open_questions: list[str] = []
+    unresolved = False
     for size in STARTS:
         q = rest + size * float(equations.scale[0]) * mode
         try:
@@ -273,6 +274,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
         try:
             found.append(solve(equations, guess))
         except ConvergenceError as error:
+            unresolved = True
             open_questions.append(
                 f"a motion settles on a cycle of period {guess.period:.6g} s that {equations.method} do not resolve "
                 f"(ask for more with harmonics=...): {error}"
@@ -280,6 +282,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     if open_questions and not found:
         raise ConvergenceError(
             f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
-            f"reaches this value, and {open_questions[0]}"
+            f"reaches this value, and {open_questions[0]}",
+            statistics={"unresolved": unresolved},  # whether more harmonics might help
         )
     return distinct(found)
