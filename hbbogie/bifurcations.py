@@ -286,7 +286,9 @@ def _located(
         others = float(np.prod(np.sort(np.abs(at.factors(str(kind))))[1:]))
         slope = abs(ends[1] - ends[0]) / curve.distance(a.point, b.point)
         error += others * MARGIN * stability.trivial_error / slope
-    along = abs(float(at.point.tangent[-1])) * float(curve.scale[-1])
+    # where branches cross the tangent is any in their plane: those of the neighbours tell how the parameter goes
+    points = (a.point, b.point) if kind == "branching" else (at.point,)
+    along = max(abs(float(point.tangent[-1])) for point in points) * float(curve.scale[-1])
     return at, curve.distance(a.point, at.point), max(error * along, 1e-12 * abs(float(at.point.y[-1])))
 
 
