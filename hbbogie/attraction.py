@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError
 from hbbogie.integration import positive, simulate
+from hbbogie.jumps import passages_along
 from hbbogie.results import Orbit
 from hbbogie.system import System
 from hbbogie.variation import Waveform, check_orbit, mesh_of, product, transitions_over
@@ -121,7 +122,8 @@ def measure_attraction(
     shares = shares / shares[0]
     ratios = shares[1:] / shares[:-1]
     k = np.arange(periods + 1)
-    logarithm = np.log(np.abs(shares)) + 1j * np.r_[0.0, np.cumsum(np.angle(ratios))]
+    turns = np.angle(ratios / predicted) + np.angle(predicted)  # near a half turn each may round to either side
+    logarithm = np.log(np.abs(shares)) + 1j * np.r_[0.0, np.cumsum(turns)]
     measured = complex(np.exp((k * logarithm).sum() / (k**2).sum()))  # a line through log 1 at the beginning
     if predicted.imag == 0:  # what is left of its imaginary part is round-off
         measured = complex(measured.real)
@@ -132,8 +134,9 @@ def measure_attraction(
         f"{_shown(measured)} per period; Floquet theory says {_shown(predicted)} (difference {100 * off:.2g} %, "
         f"scatter between periods {100 * scatter:.2g} %)."
     )
-    if scatter > 0.1:
-        verdict, status = "unknown", f"the growth differs from period to period, nothing is measured. {status}"
+    if scatter > 0.1 or (periods == 1 and off > 0.1):
+        why = "the growth differs from period to period" if periods > 1 else "one period cannot confirm the growth"
+        verdict, status = "unknown", f"{why}, nothing is measured; take a smaller disturbance. {status}"
         return Attraction(np.nan, predicted, np.nan, verdict, shares, scatter, disturbance, status)
     return Attraction(measured, predicted, float(off), verdict, shares, scatter, disturbance, status)
 
@@ -145,7 +148,8 @@ def _shown(mu: complex) -> str:
 def _critical(system: System, cycle: Orbit) -> tuple[complex, Complex, Complex, Array]:
     """Return the critical multiplier, its mode and adjoint mode at t = 0, and the ranges of the states."""
     waveform = Waveform(system, cycle, system.vector(**cycle.parameters))
-    M = product(transitions_over(waveform, mesh_of(waveform, None)))
+    mesh = mesh_of(waveform, None)
+    M = product(passages_along(waveform, mesh).inserted(transitions_over(waveform, mesh)))
     values, right = np.linalg.eig(M)
     left = np.linalg.inv(right).conj().T  # columns w with w* M = mu w* and w* v = 1
     trivial = int(np.argmin(np.abs(values - 1)))

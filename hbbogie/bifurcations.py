@@ -12,20 +12,16 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
-from hbbogie.guesses import Linearisation
-from hbbogie.normal_form import first_lyapunov
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.solution_curve import Curve, Point
 from hbbogie.stability import floquet
 from hbbogie.switching import asymmetric, crossing, doubled
-from hbbogie.system import System
 from hbbogie.variation import Waveform
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
-CROSSED = 1e-6  # smallest singular value at which another branch counts as crossed already
 TRUSTED = 1e-2  # largest error of the trivial multiplier with which multipliers are looked at
 MARGIN = 5.0  # a multiplier may be off by so many errors of the trivial one
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle that is not solved to the last digit
@@ -141,7 +137,8 @@ def special_points(
     probes = [Probe(curve, point, judge) for point in points]
     orbits, special = [probes[0].orbit], [*_at(known, 0, probes[0]), *_touching(curve, probes)]
     for i, (a, b) in enumerate(pairwise(probes)):
-        found = _between(curve, a, b, judge)
+        begins = not {i, i + 1}.isdisjoint(known)
+        found = _between(curve, a, b, judge, begins)
         orbits += [s.orbit for _, s in found] + [b.orbit]
         special += [*(s for _, s in found), *_at(known, i + 1, b)]
     return orbits, tuple(special)
@@ -155,43 +152,6 @@ def _at(known: Mapping[int, SpecialPoint], place: int, probe: Probe) -> list[Spe
     return [replace(known[place], orbit=probe.orbit) if through else known[place]]
 
 
-def onset(hopf: SpecialPoint, system: System, points: list[Point]) -> SpecialPoint:
-    """Return a Hopf point with the verdict how cycles begin there.
-
-    By the first Lyapunov coefficient; where there is none, as for a system that is linear until a gap closes, by the
-    direction in which the parameter goes along the branch.
-
-    Parameters
-    ----------
-    hopf : SpecialPoint
-    system : System
-    points : list of Point
-        Of the branch that begins there.
-    """
-    coefficient = first_lyapunov(system, hopf)
-    if np.isfinite(coefficient) and coefficient != 0:
-        below = coefficient > 0
-        why = f"first Lyapunov coefficient {coefficient:.4g}"
-    else:
-        first, second = (float(point.y[-1]) for point in points[:2])
-        if abs(second - first) <= VERTICAL * max(1.0, abs(first)):
-            return hopf
-        below = (second > first) != _gains(system, hopf)
-        why = f"{hopf.parameter} {'rises' if second > first else 'falls'} along the branch where it begins"
-    criticality = "subcritical" if below else "supercritical"
-    return replace(hopf, criticality=criticality, status=f"{criticality}, {why}; {hopf.status}")
-
-
-def _gains(system: System, hopf: SpecialPoint) -> bool:
-    """Tell whether the equilibrium loses its stability as the parameter grows."""
-    line, step = Linearisation(system, hopf.parameter), 1e-6 * max(abs(hopf.value), 1e-3)
-    growths = []
-    for value in (hopf.value - step, hopf.value + step):
-        _, eigenvalues, _ = line.pairs(value)
-        growths.append(eigenvalues[np.argmin(np.abs(eigenvalues - 1j * hopf.omega))].real)
-    return bool(growths[1] > growths[0])
-
-
 def _touching(curve: Curve, probes: list[Probe]) -> list[SpecialPoint]:
     """Return the grazing with which a curve begins, where linear cycles end and a gap closes."""
     if not probes[0].judge or len(probes) < 2:
@@ -203,18 +163,21 @@ def _touching(curve: Curve, probes: list[Probe]) -> list[SpecialPoint]:
     return [_grazing(curve, contacts)] if contacts else []
 
 
-def _between(curve: Curve, a: Probe, b: Probe, judge: bool) -> list[tuple[float, SpecialPoint]]:
-    """Return what happens between two neighbours, with the length of arc from the first, in order."""
+def _between(curve: Curve, a: Probe, b: Probe, judge: bool, begins: bool) -> list[tuple[float, SpecialPoint]]:
+    """Return what happens between two neighbours, with the length of arc from the first, in order.
+
+    Where one of them is the special point at which the curve begins, no further branch is looked for.
+    """
     kinds: list[Kind] = ["fold"]
     if judge:
         known = a.multipliers, b.multipliers
         comparable = known[0] is not None and known[1] is not None and known[0][0] == known[1][0]
-        kinds += ["branching", *(["flip", "torus"] if comparable else []), *a.reaches]
+        kinds += [*(["branching"] if not begins else []), *(["flip", "torus"] if comparable else []), *a.reaches]
     found: list[tuple[float, SpecialPoint]] = []
     contacts: list[_Contact] = []
     for kind in kinds:
         ends = a.value(kind), b.value(kind)
-        smallest = TOUCHING if isinstance(kind, tuple) else {"fold": VERTICAL, "branching": CROSSED}.get(kind, 0.0)
+        smallest = TOUCHING if isinstance(kind, tuple) else VERTICAL if kind == "fold" else 0.0
         if not ends[0] * ends[1] < 0 or min(map(abs, ends)) <= smallest:
             continue  # no change, or none to speak of: cycles of a linear or conservative system
         if (located := _located(curve, a, b, kind, ends)) is None:
@@ -229,7 +192,23 @@ def _between(curve: Curve, a: Probe, b: Probe, judge: bool) -> list[tuple[float,
     forks = [f for f in found if f[1].kind == "pitchfork"]
     if len(forks) == 2 and abs(forks[0][0] - forks[1][0]) < FORK:  # seen by the Jacobian and by the multipliers
         found.remove(max(forks, key=lambda f: f[1].interval[1] - f[1].interval[0]))
+    if judge and not begins and all(s.kind == "grazing" for _, s in found):
+        found += _unexplained(curve, a, b)
     return sorted(found, key=lambda f: f[0])
+
+
+def _unexplained(curve: Curve, a: Probe, b: Probe) -> list[tuple[float, SpecialPoint]]:
+    """Return what says that a change of stability between two neighbours was not located, if there is one."""
+    before, after = a.orbit.stability, b.orbit.stability
+    if before is None or after is None or "unknown" in (before.verdict, after.verdict):
+        return []
+    if before.unstable == after.unstable:
+        return []
+    ends = sorted((float(a.point.y[-1]), float(b.point.y[-1])))
+    what = f"unstable directions go from {before.unstable} to {after.unstable} in this interval"
+    status = f"{what}; what happens there was not located: take more harmonics or shorter steps"
+    point = SpecialPoint("not located", curve.parameter, ends[1], (ends[0], ends[1]), b.cycle, status)
+    return [(curve.distance(a.point, b.point), point)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,6 +301,10 @@ def _special(curve: Curve, at: Probe, kind: str, tangents: tuple[Array, Array], 
                 return None  # two real multipliers with product 1: nothing changes
             name, angle = "Neimark-Sacker", abs(np.angle(pair[0]))
             status = f"a torus begins; multipliers {abs(pair[0]):.8f} exp(+-{angle:.6f} i) where located"
+    s = orbit.stability
+    # at a fold the trivial multiplier meets another, and carries the root of the error
+    if s is not None and s.trivial_error > (TRUSTED**0.5 if kind == "fold" else TRUSTED):
+        status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
     return SpecialPoint(name, curve.parameter, value, (value - reach, value + reach), orbit, status, onward)
 
 

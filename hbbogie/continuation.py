@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.bifurcations import VERTICAL, onset, special_points
+from hbbogie.bifurcations import VERTICAL, special_points
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import check_interval, first_cycle
+from hbbogie.onset import onset
 from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.solution_curve import Curve, Point
 from hbbogie.solvers import solve
@@ -22,6 +23,7 @@ Progress = Callable[[float], None]
 FEW, MANY = 3, 6  # Newton iterations that lengthen and shorten the step
 WIDEST_TURN = 0.97  # cosine of the largest angle between successive tangents
 SHORTEST = 1e-7  # step at which the continuation gives up
+CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 SHRINKING = 1e-3  # longest step that may lead beyond a bound: longer ones may have jumped over what lies before it
 
 
@@ -112,7 +114,9 @@ def trace(
         first, both = _first_point(curve, first_cycle(equations, start), equations, growing=True), False
     else:
         first, both = _first_point(curve, origin, equations, growing=False), True
-    walker = _Walker(curve, (lo, hi), (step, longest), max_points, families, progress)
+    # a fold may follow closely where a gap first closes
+    begin = step * CAREFUL if isinstance(start, SpecialPoint) and start.kind == "hopf" else step
+    walker = _Walker(curve, (lo, hi), (begin, longest), max_points, families, progress)
     forward, end = walker.walk(first)
     backward, beginning = [first], "" if both else f"began here, at the {_name(start)}"
     if both and end != CLOSED:
@@ -162,8 +166,8 @@ def _first_point(curve: Curve, orbit: Orbit, equations: Equations, growing: bool
     y = np.append(equations.encode(found), p[place])
     F, J = curve.evaluate(y)
     tangent = np.linalg.svd(J)[2][-1]
-    amplitude_place = int(np.argmax(np.abs(y[: equations.size - 1] / curve.scale[: equations.size - 1])))
-    grows = tangent[amplitude_place] * np.sign(y[amplitude_place]) if growing else tangent[-1]
+    size = equations.unknowns.index(f"{coordinate}, cosine of harmonic 1")
+    grows = tangent[size] if growing else tangent[-1]
     return Point(y, tangent if grows >= 0 else -tangent, F * curve.rows)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -13,9 +13,9 @@ from hbbogie.continuation import trace
 from hbbogie.cycles import default_reach
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
-from hbbogie.guesses import Linearisation, hopf_points
+from hbbogie.guesses import Linearisation, check_interval, hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.results import Orbit, SpecialPoint
+from hbbogie.results import Critical, Orbit, SpecialPoint
 from hbbogie.rootfinding import Conditions, Problem
 from hbbogie.system import System
 
@@ -23,50 +23,9 @@ Array = NDArray[np.float64]
 ITERATIONS = 25
 FARTHEST = 0.2  # longest step of an unknown, in units of its scale: a guess near a fold is near it
 FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its value, below which there is no extremum
+BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 COARSE = 15  # highest harmonic with which branches are traced in search of folds
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
-
-
-@dataclass(frozen=True, eq=False)
-class Critical:
-    """A critical value of a parameter.
-
-    Attributes
-    ----------
-    kind : {"hopf", "fold"}
-    parameter : str
-    value : float, unit of the parameter
-    extremum : {"minimum", "maximum", ""}
-        Of a fold: whether cycles exist above or below the value near by.
-    omega : float, rad/s
-    gradient : dict of float, unit of the parameter per unit of each
-        Derivative of the value with respect to every other parameter.
-        Empty where it was not found; the status says why.
-    orbit : Orbit
-        The cycle at the fold; at a Hopf point the linear cycle along the critical mode.
-    residual : float
-        Largest scaled residual of the equations that define the point.
-    curvature : float
-        Of a fold: second derivative of the parameter along the branch in scaled arclength; positive at a minimum.
-    status : str
-    """
-
-    kind: str
-    parameter: str
-    value: float
-    extremum: str
-    omega: float
-    gradient: dict[str, float]
-    orbit: Orbit
-    residual: float
-    curvature: float
-    status: str
-
-    @property
-    def elasticities(self) -> dict[str, float]:
-        """Relative change of the value per relative change of each parameter [1]: d ln value / d ln p."""
-        p = self.orbit.parameters
-        return {name: slope * p[name] / self.value for name, slope in self.gradient.items()}
 
 
 def fold(
@@ -197,7 +156,7 @@ def _by_tracing(equations: Equations, place: int, orbit: Orbit, tolerance: float
     """Trace the branches from the Hopf points about the guess's value; return the fold nearest in frequency."""
     name, best = equations.system.parameter_names[place], None
     value, (low, high) = orbit.parameters.get(name, 0.0), equations.system.parameter(name).bounds
-    reach = max(0.6 * abs(value), 0.5)
+    reach = max(1.2 * abs(value), 0.5)
     span = max(value - reach, low), min(value + reach, high)
     for hopf in hopf_points(equations.system, name, span):
         try:
@@ -317,18 +276,24 @@ def critical_speeds(
         For wrong names or values.
     """
     system = system.with_parameters(**values)
-    span = interval or default_reach(system, parameter)
+    lo, hi = check_interval(system, parameter, interval or default_reach(system, parameter))
+    # the branch of a fold inside may begin at a Hopf point beyond the end
+    around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)
+    span = check_interval(system, parameter, around)
     coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
     found: list[Critical] = []
     for hopf in hopf_points(system, parameter, span):
-        found.append(hopf_gradient(system, hopf))
+        if lo <= hopf.value <= hi:
+            found.append(hopf_gradient(system, hopf))
         try:
             branch = trace(coarse, hopf, parameter, span, families=False, stability=False)
         except (ConvergenceError, ModelError):  # no cycle of the kept harmonics begins here
             continue
         for special in branch.folds():
             located = _polished(fine, special)
-            if not any(_same(located, other) for other in found):
+            if harmonics > COARSE:
+                located = replace(located, error=abs(located.value - special.value))
+            if lo <= located.value <= hi and not any(_same(located, other) for other in found):
                 found.append(located)
     return sorted(found, key=lambda c: c.value)
 

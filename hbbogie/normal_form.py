@@ -12,6 +12,7 @@ from hbbogie.system import System
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+ROUND_OFF = 1e-11  # share of the terms below which their sum counts as zero
 WORST = 1e14  # condition number that counts as singular
 STEPS = (1e-5, 1e-6)  # distances from the equilibrium at which one-sided derivatives are compared
 
@@ -85,8 +86,9 @@ def lyapunov_at(system: System, x: Array, p: Array, omega: float) -> float:
     third = np.sum([factor * _pair(f(x, p, s, t, t))[1] for factor, s, t in along], axis=0)
     mean = np.asarray(np.linalg.solve(A, second(q, bar)))
     double = np.asarray(np.linalg.solve(resonance, second(q, q)))
-    total: Complex = np.asarray(third - 2 * second(q, mean) + second(bar, double))
-    return float((np.conj(w) @ total).real / (2 * omega))
+    parts = np.array([third, -2 * second(q, mean), second(bar, double)])
+    found, size = float((np.conj(w) @ parts.sum(axis=0)).real), float((np.abs(parts) @ np.abs(w)).sum())
+    return found / (2 * omega) if abs(found) > ROUND_OFF * size else 0.0
 
 
 def _pair(values: tuple[ca.DM, ca.DM]) -> tuple[Array, Array]:

@@ -182,6 +182,8 @@ def minimise(
     name, not a new lambda in every turn of a loop.
     """
     system = equations.system
+    if not free:
+        raise ModelError("minimise: free names no parameter; a cycle at given parameters is what solve finds without.")
     places = tuple(system.parameter_names.index(system.parameter(name).name) for name in free)
     p = system.vector(**fixed)
     for i in places:

@@ -12,6 +12,7 @@ from hbbogie.equations import Equations
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
+ROUND_OFF = 1e-4  # share of the tolerance that needs no further step
 NEWTON_ITERATIONS, HALVINGS = 20, 5
 FARTHEST = 100.0  # distance a free parameter may go, in units of its first value
 
@@ -117,10 +118,11 @@ def newton(problem: Problem, y: Array, tolerance: float) -> tuple[Array, float, 
     iterations : int
     """
     F, J = problem.evaluate(y)
-    error = float(np.abs(F / problem.row_scale).max())
+    error, met = float(np.abs(F / problem.row_scale).max()), False
     for iteration in range(NEWTON_ITERATIONS):
-        if error <= tolerance or not np.isfinite(error):
+        if (error <= tolerance and met) or error <= ROUND_OFF * tolerance or not np.isfinite(error):
             return y, error, iteration
+        met = error <= tolerance  # one more step is cheap and leads to round-off
         try:
             step = np.linalg.solve(J / problem.row_scale[:, None] * problem.scale, F / problem.row_scale)
         except np.linalg.LinAlgError:

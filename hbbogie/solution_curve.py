@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from hbbogie.rootfinding import Conditions, Problem
 
 Array = NDArray[np.float64]
 ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another branch
+ROUND_OFF = 1e-4  # share of the tolerance that needs no further step
 FARTHEST = 2.0  # largest correction of an unknown, scaled: beyond lies another branch or nonsense
 
 
@@ -58,6 +60,8 @@ class Curve:
         place = equations.system.parameter_names.index(parameter)
         self.problem = Problem(equations, Conditions((place,)), p)
         self.equations, self.parameter = equations, parameter
+        # the interval ends the walk, not a distance from where it began
+        self.problem.lower[-1], self.problem.upper[-1] = equations.system.parameters[place].bounds
         self.scale = np.append(equations.scale, width / 4)
         self.rows, self.tolerance = equations.residual_scale, tolerance
 
@@ -82,7 +86,7 @@ class Curve:
 
     def correct(self, y: Array, normal: Array) -> tuple[Point | None, int]:
         """Newton's method in the plane through y across ``normal``: the point, or None, and the iterations."""
-        base = y
+        base, met = y, False
         for iteration in range(10):
             F, J = self.evaluate(y)
             plane = normal @ ((y - base) / self.scale)
@@ -90,7 +94,9 @@ class Curve:
                 return None, iteration
             try:
                 if np.abs(F).max() <= self.tolerance and abs(plane) <= 1e-9:
-                    return self.point(y, normal, F, J), iteration
+                    if met or np.abs(F).max() <= ROUND_OFF * self.tolerance:
+                        return self.point(y, normal, F, J), iteration
+                    met = True  # one more step is cheap and leads to round-off
                 step = np.linalg.solve(np.vstack([J, normal]), -np.append(F, plane))
             except np.linalg.LinAlgError:
                 return None, iteration
@@ -124,7 +130,8 @@ class Curve:
         error : float
             Length of arc by which the point may be off, by what is left of the function.
 
-        None where the function, or the curve between, cannot be followed.
+        Where the curve cannot be followed all the way, as next to a crossing branch, the nearest point found and the
+        rest of the bracket. None where nothing is found at all.
         """
         distance = self.distance(a, b)
         found = {0.0: (a, test(a)), distance: (b, test(b))}
@@ -145,7 +152,12 @@ class Curve:
         try:
             value(float(brentq(value, 0.0, distance, xtol=1e-13, rtol=1e-13, maxiter=60)))
         except (ValueError, RuntimeError):
-            return None
+            known = sorted((s, v) for s, (_, v) in found.items() if np.isfinite(v))
+            brackets = [(b[0] - a_[0], a_, b) for a_, b in pairwise(known) if a_[1] * b[1] <= 0]
+            if not brackets:
+                return None
+            width, *ends = min(brackets)
+            return found[min(ends, key=lambda end: abs(end[1]))[0]][0], width
         point, left = found[min(found, key=lambda s: abs(found[s][1]) if np.isfinite(found[s][1]) else np.inf)]
         return point, abs(left / slope)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from known_cycles import radial
+from known_cycles import lure, radial
 
 import hbbogie as hb
 from hbbogie.attraction import measure_attraction
@@ -92,3 +92,21 @@ def test_wrong_input(bogie, cycles_at_90):
         measure_attraction(system, cycles_at_90[0])
     with pytest.raises(hb.ModelError, match="equilibrium"):
         measure_attraction(system, cycle.replace(coefficients=np.zeros((1, 2)), omega=0.0))
+
+
+def test_negative_multiplier():
+    """Lur'e beyond its period doubling: the disturbance changes its side from one period to the next."""
+    system, orbit = lure()
+    system = system.with_parameters(alpha=0.64)
+    cycle = hb.solve(hb.HarmonicBalance(25).equations(system), orbit)
+    found = hb.measure_attraction(system, cycle)
+    assert found.predicted.real < -0.9 and found.verdict == "attracts"
+    assert found.measured == pytest.approx(found.predicted, rel=1e-3)
+
+
+def test_jumps_are_part_of_the_prediction():
+    """Published multiplier 0.00243051."""
+    system = hb.load_problem("piecewise").piecewise()
+    (cycle,) = hb.find_cycles(system)
+    found = hb.measure_attraction(system, cycle)
+    assert found.predicted.real == pytest.approx(0.00243051, rel=5e-3)

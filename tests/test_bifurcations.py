@@ -268,3 +268,45 @@ class TestOnset:
         """The hunting branch turns back to lower speeds: below contact the bogie is linear."""
         hopf = only(branch, "hopf")
         assert hopf.criticality == "subcritical" and "V falls" in hopf.status
+
+
+class TestShifted:
+    @pytest.mark.parametrize("shift", [5.0, -5.0, 0.0])
+    def test_direction_from_a_hopf_point_away_from_zero(self, shift):
+        """The mean moves along the branch, too: growing is the amplitude, whatever the mean does."""
+        x, y, mu = Coordinate("x"), Coordinate("y"), Parameter("mu", 0.1)
+        u = x + shift
+        s = u**2 + y**2
+        system = System(
+            "shifted", [x, y], [mu], [x.dot - (mu * u - y + 0.3 * u**2 - u * s), y.dot - (u + mu * y - y * s)]
+        )
+        branch = traced(system, "mu", (-0.5, 0.5))
+        assert branch.values[-1] == pytest.approx(0.5) and branch.first_harmonic("x")[-1] > 0.5
+        assert only(branch, "hopf").criticality == "supercritical"
+
+    def test_fitzhugh_nagumo(self):
+        """T = 39.4744 at I = 0.5, by integration to 1e-12 and Newton's method on the period."""
+        v, w, current = Coordinate("v"), Coordinate("w"), Parameter("I", 0.5)
+        system = System(
+            "FitzHugh-Nagumo",
+            [v, w],
+            [current],
+            [v.dot - (v - v**3 / 3 - w + current), w.dot - (v + 0.7 - 0.8 * w) / 12.5],
+        )
+        (cycle,) = hb.find_cycles(system, I=0.5)
+        assert cycle.period == pytest.approx(39.4744, abs=1e-2)
+        assert cycle.stability.verdict == "stable"
+
+
+@pytest.mark.parametrize(("H", "tolerance"), [(5, 1e-10), (9, 1e-10), (9, 1e-12), (15, 1e-12)])
+def test_branch_point_of_coupled_oscillators(H, tolerance):
+    """Two coupled van der Pol oscillators: where their cycle in phase meets another branch a verdict changes."""
+    x, y, mu = Coordinate("x"), Coordinate("y"), Parameter("mu", 0.5)
+    pull = 0.3 * (x - y) + 0.2 * (x - y) ** 3
+    system = System(
+        "two", [x, y], [mu], [x.ddot - (mu - x**2) * x.dot + x + pull, y.ddot - (mu - y**2) * y.dot + y - pull]
+    )
+    hopf = hb.hopf_points(system, "mu", (-1.0, 2.0))[0]
+    branch = hb.trace(HarmonicBalance(H).equations(system), hopf, "mu", (-1.0, 2.0), tolerance=tolerance)
+    assert only(branch, "branch point").value == pytest.approx(1.374, abs=0.01)
+    assert "not located" not in {s.kind for s in branch.special}

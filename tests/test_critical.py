@@ -170,3 +170,15 @@ def test_smooth_fold_of_the_circuit():
             values.append(hb.fold(hb.HarmonicBalance(21).equations(changed), fold.orbit, "v").value)
         slope = (values[0] - values[1]) / (2 * h * system.values[name])
         assert fold.gradient[name] == pytest.approx(slope, rel=1e-6)
+
+
+def test_fold_whose_hopf_point_lies_beyond_the_interval(bogie):
+    (fold,) = hb.critical_speeds(bogie, "V", (60.0, 90.0))
+    assert fold.kind == "fold" and fold.value == pytest.approx(88.7641, abs=1e-3)
+    assert 0 < fold.error < 2e-3 and abs(fold.value - 88.764113) < fold.error
+
+
+def test_fold_next_to_the_hopf_point(bogie):
+    """At a conicity of 0.103 the fold lies 2 mm/s below the Hopf point."""
+    fold, hopf = hb.critical_speeds(bogie, "V", (40.0, 90.0), lam=0.103)
+    assert (fold.kind, hopf.kind) == ("fold", "hopf") and 1e-3 < hopf.value - fold.value < 3e-3

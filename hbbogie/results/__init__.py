@@ -7,6 +7,7 @@ again without the system or the solver that made it.
 from hbbogie.results.basin import Basin
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.chart import Chart, ChartPoint, CriticalCurve
+from hbbogie.results.critical import Critical
 from hbbogie.results.hysteresis import Hysteresis, Passage
 from hbbogie.results.orbit import Orbit, Stability
 from hbbogie.results.trajectory import Trajectory
@@ -16,6 +17,7 @@ __all__ = [
     "Branch",
     "Chart",
     "ChartPoint",
+    "Critical",
     "CriticalCurve",
     "Hysteresis",
     "Orbit",

@@ -26,8 +26,8 @@ class SpecialPoint:
     Attributes
     ----------
     kind : str
-        "hopf", "fold", "branch point", "pitchfork" (the symmetry breaks), "period doubling", "Neimark-Sacker" or
-        "grazing" (a contact begins or ceases to close).
+        "hopf", "fold", "branch point", "pitchfork" (the symmetry breaks), "period doubling", "Neimark-Sacker",
+        "grazing" (a contact begins or ceases to close), or "not located" (the stability changes, unexplained).
     parameter : str
         Name of the parameter.
     value : float, unit of the parameter

@@ -1,0 +1,52 @@
+"""Critical values of a parameter, with their gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hbbogie.results.orbit import Orbit
+
+
+@dataclass(frozen=True, eq=False)
+class Critical:
+    """A critical value of a parameter.
+
+    Attributes
+    ----------
+    kind : {"hopf", "fold"}
+    parameter : str
+    value : float, unit of the parameter
+    extremum : {"minimum", "maximum", ""}
+        Of a fold: whether cycles exist above or below the value near by.
+    omega : float, rad/s
+    gradient : dict of float, unit of the parameter per unit of each
+        Derivative of the value with respect to every other parameter.
+        Empty where it was not found; the status says why.
+    orbit : Orbit
+        The cycle at the fold; at a Hopf point the linear cycle along the critical mode.
+    residual : float
+        Largest scaled residual of the equations that define the point.
+    curvature : float
+        Of a fold: second derivative of the parameter along the branch in scaled arclength; positive at a minimum.
+    status : str
+    error : float, unit of the parameter
+        Of a fold: estimate of the error from harmonics left out; NaN where it was not made.
+    """
+
+    kind: str
+    parameter: str
+    value: float
+    extremum: str
+    omega: float
+    gradient: dict[str, float]
+    orbit: Orbit
+    residual: float
+    curvature: float
+    status: str
+    error: float = float("nan")
+
+    @property
+    def elasticities(self) -> dict[str, float]:
+        """Relative change of the value per relative change of each parameter [1]: d ln value / d ln p; NaN at 0."""
+        p = self.orbit.parameters
+        return {n: slope * p[n] / self.value if self.value else float("nan") for n, slope in self.gradient.items()}
