@@ -114,12 +114,13 @@ def cycles(
     from hbbogie.terminal import deliver, progress_shown
 
     module, system = load(name, overrides)
-    parameter = curves.default_interval(module, system, parameter)[0]
+    parameter, own = curves.default_interval(module, system, parameter)
+    interval = own if own[0] <= system.values[parameter] <= own[1] else None
     if output is not None:
         report.check_directory(output)
     with progress_shown() as progress:
         progress("looking for cycles", None)
-        cycles = find_cycles(system, parameter=parameter, harmonics=harmonics or "auto")
+        cycles = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics or "auto")
         found = report.report_of_cycles(system, parameter, cycles, hill=hill)
         files = [] if output is None else found.write(output, progress)
     deliver(found, files, as_json)

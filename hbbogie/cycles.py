@@ -14,6 +14,7 @@ from hbbogie.continuation import trace
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import Linearisation, hopf_points
+from hbbogie.integration import positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.results import Branch, Orbit
 from hbbogie.settling import last_orbit, settle
@@ -44,7 +45,8 @@ def find_cycles(
     Hopf points of the equilibrium are located over an interval of one parameter, the branches that begin
     there are traced, and every crossing of the given value is solved for. Where that finds nothing,
     motions are simulated from states of several sizes until they settle. Cycles on branches that
-    neither reach a Hopf point in the interval nor attract those motions are not found.
+    neither reach a Hopf point in the interval nor attract those motions are not found. The equilibrium is the one at
+    zero where that is one, else one near by: write the equations about another one to begin there.
 
     Parameters
     ----------
@@ -86,8 +88,9 @@ def find_cycles(
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
     value, (lo, hi) = system.values[system.parameter(name).name], interval or default_reach(system, name)
-    if isinstance(harmonics, str) and harmonics != "auto":
-        raise ModelError(f"find_cycles: harmonics={harmonics!r}; give a whole number, or 'auto'.")
+    if harmonics != "auto" and not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
+        raise ModelError(f"find_cycles: harmonics={harmonics!r}; give a whole number from 1, or 'auto'.")
+    tolerance = positive("tolerance", tolerance, "1")
     if harmonics != "auto":
         found = _search(HarmonicBalance(int(harmonics)).equations(system), name, value, (lo, hi))
         return [_judged(system, orbit) for orbit in found] if stability else found

@@ -69,6 +69,13 @@ class Linearisation:
             f"{self.system.parameter_names[self.place]} = {value:g}; narrow the range of the parameter."
         )
 
+    def _equilibrium_or_nan(self, value: float) -> Array:
+        """Return the equilibrium, NaN where there is none: one value must not end the search over all."""
+        try:
+            return self.equilibrium(value)
+        except ConvergenceError:
+            return np.full(self.system.n, np.nan)
+
     def growth(self, values: Sequence[float] | Array) -> list[Array]:
         """Return the real parts of the oscillating modes [1/s], largest first, at each value of the parameter."""
         system, N = self.system, len(values)
@@ -79,10 +86,13 @@ class Linearisation:
         )  # one call for all values
         rest = np.zeros((system.n, N))
         if np.any(residual(rest, rest, rest, p).full()):
-            x[: system.n] = np.transpose([self.equilibrium(v) for v in values])
+            x[: system.n] = np.transpose([self._equilibrium_or_nan(v) for v in values])
         A = jacobian(x, p).full().reshape(len(x), N, len(x)).swapaxes(0, 1)
-        found = []
-        for eigenvalues in np.linalg.eigvals(A):
+        good, found = np.isfinite(A).all(axis=(1, 2)), []
+        for k, eigenvalues in enumerate(np.linalg.eigvals(np.where(good[:, None, None], A, 0.0))):
+            if not good[k]:
+                found.append(np.empty(0))
+                continue
             oscillating = eigenvalues.imag > 1e-9 * np.abs(eigenvalues).max(initial=1e-300)
             found.append(-np.sort(-eigenvalues[oscillating].real))
         return found
