@@ -56,7 +56,8 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
     Returns
     -------
     module
-        Loaded once in a process: a second call returns the same module, even when the file has changed.
+        Loaded once in a process as long as the file stays as it is; a file that has changed is loaded afresh. Its
+        ``__source_hash__`` is the hash of what was loaded.
 
     Raises
     ------
@@ -70,15 +71,23 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
     """
     path = _locate(name_or_path)
     name = _module_name(path)
-    if name in sys.modules:
-        return sys.modules[name]
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"problem file {str(path)!r} cannot be read: {error.strerror}.") from error
+    digest = hashlib.sha256(source).hexdigest()[:16]
+    before = sys.modules.get(name)
+    if before is not None and getattr(before, "__source_hash__", digest) == digest:
+        return before
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ModelError(f"problem file {str(path)!r}: Python cannot read it as a module.")
     module = importlib.util.module_from_spec(spec)
+    module.__dict__["__source_hash__"] = digest
     sys.modules[name] = module  # before execution: dataclasses look their module up
     try:
-        spec.loader.exec_module(module)
+        # not by the loader, whose bytecode cache takes a file for the same by time and size
+        exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise ModelError(_failure(error, path, "cannot be loaded")) from error

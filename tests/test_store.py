@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import concurrent.futures as cf
+import importlib
+import multiprocessing
 import os
 import signal
 import sqlite3
@@ -141,6 +144,59 @@ def test_changes_are_refused(tmp_path):
     np.testing.assert_array_equal(more["product"].values, more["k"].values * more["c"].values)
     kept = more.isel(point=more["c"].values < 6)
     np.testing.assert_array_equal(kept["finished"].values, first["finished"].values)
+
+
+@unix
+def test_edited_files_reach_workers_that_live_on(tmp_path, monkeypatch):
+    """Job file, problem file and imported module are edited, to the same length; the pool of the user stays."""
+    write_study(tmp_path)
+    (tmp_path / "imported_job.py").write_text("def f(system):\n    return {'y': 3.0}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    imported = importlib.import_module("imported_job")
+    context = multiprocessing.get_context("spawn")
+    with cf.ProcessPoolExecutor(1, mp_context=context) as pool:
+        for keywords in ({"executor": pool}, {"workers": 0}):
+            for factor in ("2", "3"):
+                (tmp_path / "job.py").write_text(f"def f(system):\n    return {{'y': {factor} * system.values['k']}}\n")
+                for k in ("1.0", "2.0"):
+                    text = (tmp_path / "spring.py").read_text()
+                    (tmp_path / "p.py").write_text(text.replace('"k", 2.0', f'"k", {k}'))
+                    data = hb.sweep(f"{tmp_path}/job.py:f", {"c": [1.0]}, problem=f"{tmp_path}/p.py", **keywords)
+                    assert data["y"].item() == float(factor) * float(k)
+        problem = f"{tmp_path}/spring.py"
+        assert hb.sweep(imported.f, {"c": [1.0]}, problem=problem, executor=pool)["y"].item() == 3.0
+        (tmp_path / "imported_job.py").write_text("def f(system):\n    return {'y': 14.0}\n")
+        importlib.reload(imported)
+        assert hb.sweep(imported.f, {"c": [1.0]}, problem=problem, executor=pool)["y"].item() == 14.0
+
+
+def test_functions_without_a_file_are_told_apart(tmp_path):
+    """By code, constants, defaults and what they close over; the same function typed again is the same."""
+
+    def typed(text):
+        space = {}
+        exec(text, space)
+        return space["f"]
+
+    def closed(factor):
+        return lambda system: {"y": factor}
+
+    for k, (old, same, others) in enumerate(
+        [
+            (
+                typed("def f(s): return {'y': 1.0}"),
+                typed("def f(s): return {'y': 1.0}"),
+                [typed("def f(s): return {'y': 2.0}"), typed("def f(s, a=1): return {'y': 1.0}")],
+            ),
+            (closed(1.0), closed(1.0), [closed(2.0)]),
+        ]
+    ):
+        keywords = {"problem": "bautin", "store": tmp_path / f"{k}.db", "resume": True, "workers": 0}
+        hb.sweep(old, {"a": [1.0]}, **keywords)
+        hb.sweep(same, {"a": [1.0]}, **keywords)
+        for other in others:
+            with pytest.raises(hb.ModelError, match="another job"):
+                hb.sweep(other, {"a": [1.0]}, **keywords)
 
 
 def test_a_changed_problem_is_refused(tmp_path):

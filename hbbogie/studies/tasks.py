@@ -11,14 +11,18 @@ import json
 import os
 import pickle
 import platform
+import re
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import CellType
 from typing import Any
+
+import numpy as np
 
 from hbbogie.errors import ModelError
 from hbbogie.problem import load_problem, system_of
@@ -42,12 +46,16 @@ class Task:
         Parameter values, and options of the problem's builder, common to all points.
     options : dict
         Keywords of the job.
+    sources : dict
+        Hashes of the code of "problem" and "job" in the process that made the task, where they come from files of the
+        user; a worker whose code is another one loads it afresh.
     """
 
     problem: str | System
     job: str | Callable[..., Outputs]
     values: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
 
     def system(self) -> System:
         """Return the system at the values common to all points."""
@@ -71,22 +79,56 @@ class Task:
         if by_value and importlib.util.find_spec("cloudpickle"):
             pack = importlib.import_module("cloudpickle").dumps
         try:
-            return pack(self)
+            return pack(replace(self, sources=self.loaded()))
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise ModelError(
                 f"job {self.job_name!r} or its options cannot be sent to another process ({error}); define the "
                 "function at the top level of a file, or run with workers=0."
             ) from error
 
+    def loaded(self) -> dict[str, str]:
+        """Return the hashes of the code that this process has loaded of the user's files."""
+        found = {}
+        if isinstance(self.problem, str) and self.problem.endswith(".py"):
+            found["problem"] = str(load_problem(self.problem).__dict__["__source_hash__"])
+        if not isinstance(self.job, str):
+            found["job"] = _digest(repr(code_of(self.job)))
+        elif self.job not in JOBS:
+            found["job"] = str(load_problem(self.job.rpartition(":")[0]).__dict__["__source_hash__"])
+        return found
+
+    def current(self) -> Task:
+        """Return the task with the code it was made with; raise `ModelError` where this machine has another.
+
+        Files are loaded afresh when they have changed; a function of an imported module needs that to be done here.
+        """
+        task, wanted = self, self.sources.get("job")
+        if wanted and callable(self.job) and self.loaded()["job"] != wanted and self.job.__module__ in sys.modules:
+            found: Any = importlib.reload(sys.modules[self.job.__module__])
+            for name in self.job.__qualname__.split("."):
+                found = getattr(found, name, None)
+            task = replace(self, job=found if callable(found) else self.job)
+        have = task.loaded()
+        for what, digest in self.sources.items():
+            if have.get(what) != digest:
+                raise ModelError(
+                    f"the {what} on {platform.node()} is not that of the study (hash {have.get(what)}, the study's "
+                    f"{digest}); bring its file up to date there, or start the workers afresh."
+                )
+        return task
+
     def fingerprints(self) -> dict[str, str]:
         """Return hashes of what decides the results: of the problem, of the job, of its options."""
         return {
             "problem": problem_hash(self.system()),
-            "job": _digest(_source(self.function))
-            if self.job not in JOBS
-            else f"{self.job} of hbbogie {versions()['hbbogie']}",
+            "job": self._job_hash(),
             "options": json.dumps(dict(sorted(self.options.items())), default=str),
         }
+
+    def _job_hash(self) -> str:
+        if callable(self.job):
+            return _digest(_source(self.job) + repr(code_of(self.job)))
+        return f"{self.job} of hbbogie {versions()['hbbogie']}" if self.job in JOBS else self.loaded()["job"]
 
 
 def problem_hash(system: System) -> str:
@@ -101,14 +143,35 @@ def _digest(text: str) -> str:
 
 
 def _source(function: Callable[..., Any]) -> str:
-    """Return the source of the file a function stands in, of a function typed at a prompt its own code."""
+    """Return the source of the file a function stands in, nothing where there is no such file."""
     try:
         file = inspect.getsourcefile(function)
-        if file and Path(file).is_file():
-            return Path(file).read_text("utf-8")
-        return inspect.getsource(function)
-    except (OSError, TypeError):
-        return getattr(getattr(function, "__code__", None), "co_code", repr(type(function)).encode()).hex()
+        return Path(file).read_text("utf-8") if file and Path(file).is_file() else ""
+    except (OSError, TypeError, UnicodeDecodeError):
+        return ""
+
+
+def code_of(value: Any, above: tuple[Any, ...] = ()) -> Any:
+    """Return what a function does, in a form whose text is the same in every process: also what it closes over."""
+    if any(value is v for v in above):  # functions that close over each other
+        return "itself"
+    inside = functools.partial(code_of, above=(*above, value))
+    if inspect.ismethod(value):
+        return inside(value.__func__), inside(value.__self__)
+    if inspect.isfunction(value):
+        cells = [inside(c.cell_contents) for c in value.__closure__ or () if c != CellType()]
+        return inside(value.__code__), inside(value.__defaults__), inside(value.__kwdefaults__), cells
+    if inspect.iscode(value):
+        return value.co_code.hex(), value.co_names, [inside(c) for c in value.co_consts]
+    if isinstance(value, frozenset | set):
+        return sorted(repr(inside(v)) for v in value)
+    if isinstance(value, tuple | list):
+        return [inside(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()
+    if isinstance(value, System):
+        return problem_hash(value)
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
 
 
 def versions() -> dict[str, str]:
@@ -153,7 +216,7 @@ def failure(point: int, reason: str, seconds: float = float("nan"), worker: str 
 @functools.lru_cache(maxsize=2)
 def _ready(payload: bytes | Task) -> tuple[System, Callable[..., Outputs], dict[str, Any]]:
     """Return the system, the job and its options: built once in a worker, with all functions built for them."""
-    task: Task = payload if isinstance(payload, Task) else pickle.loads(payload)
+    task: Task = payload if isinstance(payload, Task) else pickle.loads(payload).current()
     return task.system(), task.function, dict(task.options)
 
 
