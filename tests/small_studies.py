@@ -44,6 +44,29 @@ def deadly(system):
     if system.values["k"] == 3.0:
         os.kill(os.getpid(), signal.SIGKILL)
     return {"y": system.values["k"]}
+
+def deadlier(system):
+    if system.values["k"] > 3.0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"y": system.values["k"]}
+
+def leaving(system):
+    if system.values["k"] == 3.0:
+        raise SystemExit("enough")
+    if system.values["k"] == 4.0:
+        raise KeyboardInterrupt
+    return {"y": system.values["k"]}
+
+def hanging(system):
+    if system.values["k"] == 3.0:
+        time.sleep(1000)
+    return {"y": system.values["k"]}
+
+def named(system, name="point", value=1.0):
+    return {name: value}
+
+def nothing(system):
+    pass
 '''
 
 STUDY = """title = "Products"

@@ -79,6 +79,19 @@ def test_interruption_says_how_to_resume(tmp_path):
     assert result.exit_code == 0 and finished(tmp_path / "products.db") == 40
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+def test_second_interruption_drops_what_hangs(tmp_path):
+    path = write_study(tmp_path)
+    path.write_text(STUDY.format(wait=0.0).replace(":product", ":hanging").replace("wait = 0.0", ""))
+    run = process("hbbogie", "study", "run", path, "--workers", 2, cwd=tmp_path)
+    wait_for(lambda: finished(tmp_path / "products.db") >= 10, "ten points")
+    run.send_signal(signal.SIGINT)
+    assert any("again to drop them" in line for line in iter(run.stderr.readline, ""))
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=30)
+    assert run.returncode == 130 and "Traceback" not in err and f"hbbogie study run {path} --resume" in err
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -150,6 +150,38 @@ class TestSweep:
         assert "the worker process died" in str(data["status"].values[2])
         np.testing.assert_array_equal(data["y"].values, [1, 2, np.nan, 4, 5])
 
+    @pytest.mark.slow
+    def test_many_points_that_kill_their_workers_in_a_row(self, folder):
+        k = [1.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 2.0]
+        data = sweep(folder, "deadlier", {"k": k}, workers=2)
+        assert data["failed"].values.tolist() == [v > 3 for v in k]
+
+    @pytest.mark.parametrize("workers", [0, 1])
+    def test_a_job_that_leaves_is_a_row(self, folder, workers):
+        k = [1.0, 3.0] if workers == 0 else [1.0, 3.0, 4.0]  # in this process KeyboardInterrupt is Ctrl-C
+        data = sweep(folder, "leaving", {"k": k}, workers=workers)
+        assert data["failed"].values.tolist() == [False, True, True][: len(k)]
+        assert data["status"].values[1] == "SystemExit: enough"
+
+    @pytest.mark.parametrize(
+        ("name", "value", "message"),
+        [
+            *[(n, 1.0, f"output '{n}', which is the name of what") for n in ("point", "seconds", "finished", "worker")],
+            ("k", 1.0, "output 'k', which is the name of an input"),
+            ("status", 1.0, "status is a sentence"),
+            ("failed", "yes", "give True or False"),
+            ("y", [1.0], "of type list; return numbers"),
+            (3, 1.0, "an output named 3"),
+        ],
+    )
+    def test_outputs_that_are_none_are_refused_at_once(self, folder, tmp_path, name, value, message):
+        options = {"name": name, "value": value}
+        with pytest.raises(hb.ModelError, match=message):
+            sweep(folder, "named", {"k": [1.0]}, options=options, store=tmp_path / "s.db")
+        assert not (tmp_path / "s.db").exists()
+        with pytest.raises(hb.ModelError, match="returned NoneType; return a dict"):
+            sweep(folder, "nothing", {"k": [1.0]})
+
     def test_script_without_the_usual_line_is_told(self, folder, tmp_path):
         """Workers import the script; one that sweeps again when it is imported would never end."""
         call = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures as cf
 import multiprocessing
 import os
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -16,12 +17,13 @@ from hbbogie.curves import Progress
 from hbbogie.errors import ModelError
 from hbbogie.studies.optional import required
 from hbbogie.studies.store import NOMINAL, Store
-from hbbogie.studies.tasks import Outcome, Task, failure, run_point, start_worker
+from hbbogie.studies.tasks import Outcome, Task, check_names, failure, run_point, start_worker
 
 TRIES = 2  # times a point may kill the worker it runs on
-SILENT = 10  # pools that may break in a row without any answer
+SILENT = 10  # points that may kill their workers as long as none has answered
 DEADLY = f"the worker process died {TRIES} times on this point: out of memory, or a crash in native code"
 EVERY = 0.2  # s between two reports of progress
+PATIENCE = 0.5  # s; within which Ctrl-C that reached a worker reaches this process
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -45,6 +47,13 @@ class Runner:
         """Take a new executor for the one that broke."""
         self.executor.shutdown(wait=False, cancel_futures=True)
         self.executor = self.build()
+        _await_start([self.executor.submit(os.getpid)])
+
+    def kill(self) -> None:
+        """End the processes of a local pool at once."""
+        if self.rebuilds:
+            for process in list((getattr(self.executor, "_processes", None) or {}).values()):
+                process.kill()
 
 
 class _Here(cf.Executor):
@@ -132,13 +141,15 @@ def drive(runner: Runner, keep: Store, report: Progress) -> None:
     flying: dict[cf.Future[Outcome], tuple[int, dict[str, float]]] = {}
     suspects: deque[tuple[int, dict[str, float]]] = deque()
     deaths: dict[int, int] = {}
-    silent = 0  # pools in a row that broke before any answer came
+    lost, answered = 0, False
+    # the nominal point alone: what is wrong with the job or its options shows there
+    window = 1 if waiting and waiting[0][0] == NOMINAL else runner.window
     try:
         while waiting or flying or suspects:
             if suspects and not flying:  # one at a time: who kills a worker alone is guilty
                 item = suspects.popleft()
                 flying[runner.submit(*item)] = item
-            while waiting and not suspects and len(flying) < runner.window:
+            while waiting and not suspects and len(flying) < window:
                 item = waiting.popleft()
                 flying[runner.submit(*item)] = item
             finished, _ = cf.wait(flying, timeout=1.0, return_when=cf.FIRST_COMPLETED)
@@ -150,32 +161,46 @@ def drive(runner: Runner, keep: Store, report: Progress) -> None:
                 except BrokenProcessPool:
                     broken.append(item)
                     continue
-                silent = 0
+                answered, window = True, runner.window
+                if item[0] == NOMINAL:
+                    _refuse(outcome, keep)
                 keep.put(outcome)
                 meter.count(outcome)
             if broken:
                 broken += flying.values()
                 flying.clear()
-                silent += 1
-                if silent > SILENT:
-                    raise ModelError("the worker processes die before any of them answers; see what they print above.")
+                window = runner.window
                 if len(broken) == 1:  # several in flight are all suspects and none guilty
                     deaths[broken[0][0]] = deaths.get(broken[0][0], 0) + 1
                 for item in broken:
                     if deaths.get(item[0], 0) < TRIES:
                         suspects.append(item)
                     else:
-                        lost = failure(item[0], DEADLY)
-                        keep.put(lost)
-                        meter.count(lost)
+                        dead = failure(item[0], DEADLY)
+                        keep.put(dead)
+                        meter.count(dead)
+                        lost += 1
+                if lost > SILENT and not answered:
+                    raise ModelError("the worker processes die before any of them answers; see what they print above.")
                 runner.rebuild()
     except KeyboardInterrupt:
-        _land(flying, keep)
+        _land(runner, flying, keep)
         raise
+
+
+def _refuse(nominal: Outcome, keep: Store) -> None:
+    """Raise `ModelError` where the nominal point shows that the job does not fit: it would fail at every point."""
+    kind, _, reason = nominal.status.partition(": ")
+    if nominal.failed and kind == ModelError.__name__:
+        raise ModelError(f"the job cannot be done at the nominal point: {reason}")
+    check_names(nominal.outputs, keep.about()["parameters"])
 
 
 def _outcome(future: cf.Future[Outcome], point: int, rebuilds: bool) -> Outcome:
     """Return the outcome of a finished future; raise where the executor as a whole is lost."""
+    if not future.cancelled() and isinstance(future.exception(), KeyboardInterrupt):
+        time.sleep(PATIENCE)  # Ctrl-C at a terminal reaches this process, too, and ends this sleep
+        return failure(point, "KeyboardInterrupt: raised by the job")
     try:
         return future.result()
     except BrokenProcessPool:
@@ -192,12 +217,18 @@ def _outcome(future: cf.Future[Outcome], point: int, rebuilds: bool) -> Outcome:
         )
 
 
-def _land(flying: Mapping[cf.Future[Outcome], Any], keep: Store) -> None:
-    """Cancel what has not begun, and store what is in flight when it has come down."""
+def _land(runner: Runner, flying: Mapping[cf.Future[Outcome], Any], keep: Store) -> None:
+    """Cancel what has not begun, and store what is in flight when it has come down; drop it at a second Ctrl-C."""
     running = [future for future in flying if not future.cancel()]
-    for future in cf.as_completed(running):
-        if future.exception() is None:
-            keep.put(future.result())
+    many = f"{len(running)} point{'s' * (len(running) != 1)}"
+    if not all(future.done() for future in running):
+        print(f"waiting for {many} in flight; Ctrl-C again to drop them", file=sys.stderr, flush=True)
+    try:
+        for future in cf.as_completed(running):
+            if future.exception() is None:
+                keep.put(future.result())
+    except KeyboardInterrupt:
+        runner.kill()
 
 
 class _Meter:

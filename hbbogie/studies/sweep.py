@@ -100,6 +100,7 @@ def sweep(
     chosen.check(system)
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:
         raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
+    begun = store is not None and Path(store).exists()
     keep = _opened(task, chosen, store, resume, accept_changes)
     try:
         if retry_failed:
@@ -111,6 +112,12 @@ def sweep(
         finally:
             describe_units(keep, system, function)
         return dataset_of(keep)
+    except ModelError:
+        empty = not begun and not keep.outcomes()  # refused, with nothing to go on with
+        keep.close()
+        if store is not None and empty:
+            Path(store).unlink(missing_ok=True)
+        raise
     finally:
         keep.close()
 

@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import CellType
@@ -30,6 +30,7 @@ from hbbogie.studies.jobs import JOBS, Outputs, job_function
 from hbbogie.system import System
 
 WATCH = 1.0  # s; how often a worker looks whether the process that started it is still there
+RESERVED = ("point", "seconds", "worker", "finished")  # names of a study's own columns, with "status" and "failed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,17 +235,44 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) ->
     start, worker = time.perf_counter(), f"{platform.node()}:{os.getpid()}"
     try:
         system, job, options = _ready(payload)
-        outputs = dict(job(system.with_parameters(**values), **options))
-        status = str(outputs.pop("status", "done"))
-        failed = bool(outputs.pop("failed", False))
-        outputs = {name: _plain(name, value) for name, value in outputs.items()}
-    except Exception as error:
-        if "KeyboardInterrupt" in str(error):  # Ctrl-C inside of CasADi
+        outputs, status, failed = _checked(job(system.with_parameters(**values), **options), values)
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
+        inside_casadi = isinstance(error, Exception) and "KeyboardInterrupt" in str(error)
+        if (inside_casadi or isinstance(error, KeyboardInterrupt)) and _hears_interrupts():
             raise KeyboardInterrupt from error
         # of the first line only: CasADi adds its call stack
         reason = str(error).strip().partition("\n")[0] or "no message"
         return failure(point, f"{type(error).__name__}: {reason}", time.perf_counter() - start, worker)
     return Outcome(point, outputs, status, failed, time.perf_counter() - start, worker)
+
+
+def _hears_interrupts() -> bool:
+    """Tell whether Ctrl-C reaches this thread; where it does not, KeyboardInterrupt is the job's own."""
+    return threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN
+
+
+def _checked(returned: Any, inputs: Mapping[str, float]) -> tuple[dict[str, Any], str, bool]:
+    """Return outputs, status and failure as a job returned them; raise `ModelError` for anything else."""
+    if not isinstance(returned, Mapping):
+        raise ModelError(f"the job returned {type(returned).__name__}; return a dict of numbers and text by name.")
+    outputs = dict(returned)
+    status, failed = outputs.pop("status", "done"), outputs.pop("failed", False)
+    if not isinstance(status, str):
+        raise ModelError(f"the job returned status = {status!r}; the status is a sentence. Rename the output.")
+    if not isinstance(failed, bool | np.bool_):
+        raise ModelError(f"the job returned failed = {failed!r}; give True or False, or rename the output.")
+    check_names(outputs, inputs)
+    return {name: _plain(name, value) for name, value in outputs.items()}, status, bool(failed)
+
+
+def check_names(outputs: Iterable[Any], inputs: Iterable[str]) -> None:
+    """Raise `ModelError` where an output is named like an input or like what every study has besides."""
+    for name in outputs:
+        if not isinstance(name, str):
+            raise ModelError(f"the job returned an output named {name!r}; a name is text.")
+        if name in inputs or name in RESERVED:
+            what = "an input" if name in inputs else "what every study has besides its outputs"
+            raise ModelError(f"the job returned an output {name!r}, which is the name of {what}; rename the output.")
 
 
 def _plain(name: str, value: Any) -> float | str | None:
