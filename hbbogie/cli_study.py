@@ -184,9 +184,10 @@ def _default_store(path: Path, points: int | None) -> Path:
 
 def _found(file: str, store: Path | None, points: int | None) -> tuple[Path, Study | None]:
     """Return the store that is meant, and the study file where one was given."""
+    from hbbogie.studies.store import is_store
     from hbbogie.studies.study import load_study
 
-    if file.endswith(".db"):
+    if file.endswith(".db") or is_store(file):
         return Path(file), None
     wanted = load_study(file, points)
     return store or _default_store(wanted.path, points), wanted

@@ -67,6 +67,12 @@ def named(system, name="point", value=1.0):
 
 def nothing(system):
     pass
+
+def needy(system, share):
+    return {"y": share}
+
+def alone():
+    return {"y": 1.0}
 '''
 
 STUDY = """title = "Products"

@@ -107,6 +107,22 @@ def test_second_interruption_drops_what_hangs(tmp_path):
         ("high = 8.0", "high = 800.0", "from 0 to 100 N/m"),
         ("count = 8", 'count = 8, unit = "kg"', "line 12: [points.parameters] k: parameter 'k': got the unit 'kg'"),
         ("[options]", "[options", "line 5"),
+        ("wait =", "wiat =", "line 6: [options] wiat: job product: unknown option 'wiat'. Did you mean 'wait'"),
+        ("c = [1.0", 'c = ["x"', "[points.parameters] c: got ['x', 2.0"),
+        ("c = [1.0", "c = [[1.0]", "[points.parameters] c: got [[1.0], 2.0"),
+        ("count = 8", "count = -8", "count"),
+        ('"grid"', '"sobol"\ncount = 4\naround = 0.1\nexcept = ["kk"]', "except: unknown parameter 'kk'"),
+        ('"grid"', '"sobol"\ncount = 4\naround = -0.1', "around"),
+        (
+            "c = [1.0, 2.0, 3.0, 4.0, 5.0]",
+            '[[figures]]\nkind = "distribution"\noutput = "product"\nbelow = ["x"]',
+            "line 16: [figures] below: got ['x']; give a number",
+        ),
+        (
+            "c = [1.0, 2.0, 3.0, 4.0, 5.0]",
+            '[[figures]]\nkind = "parallel"\noutput = "product"\ninputs = ["kk"]',
+            "line 16: [figures] inputs: unknown input 'kk'",
+        ),
         (
             "c = [1.0, 2.0, 3.0, 4.0, 5.0]",
             '[[figures]]\nkind = "mapp"',
@@ -144,6 +160,25 @@ def test_wrong_arguments(tmp_path):
     ):
         result = call(*args)
         assert result.exit_code == 2 and message in result.stderr, result.output
+
+
+def test_files_of_another_kind(tmp_path):
+    path = write_study(tmp_path)
+    assert call("run", path, "--workers", 0, "--points", 4, "--store", "my.sqlite").exit_code == 0
+    assert call("status", "my.sqlite").exit_code == 0
+    (tmp_path / "latin.toml").write_bytes(b'title = "caf\xe9"')
+    (tmp_path / "latin.csv").write_bytes(b"k,c\n1,\xe9\n")
+    csv = STUDY.format(wait=0.0).partition("[points]")[0] + '[points]\nsample = "csv"\nfile = "latin.csv"\n'
+    (tmp_path / "csv.toml").write_text(csv)
+    (tmp_path / "other.sqlite").write_bytes(b"SQLite format 3\0" + bytes(100))
+    for args, message in (
+        (("run", "my.sqlite"), "is the store of a study"),
+        (("status", "other.sqlite"), "not the store"),
+        (("run", "latin.toml"), "cannot be read as text in UTF-8"),
+        (("run", "csv.toml"), "cannot be read as text in UTF-8"),
+    ):
+        result = call(*args)
+        assert result.exit_code == 2 and message in result.stderr.replace("\n", " "), result.output
 
 
 def test_points_of_a_file_and_a_list(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures as cf
+import functools
 import json
 
 import numpy as np
@@ -100,6 +101,15 @@ class TestPoints:
             (lambda: studies.random({"a": (2.0, 1.0)}, 5), "low < high"),
             (lambda: studies.sobol({"a": (0.0, 1.0)}, 0), "at least 1"),
             (lambda: studies.saltelli({"a": (0.0, 1.0)}, 6), "power of two"),
+            (lambda: studies.sobol({"a": (0.0, 1.0)}, -4), "at least 1"),
+            (lambda: studies.sobol({"a": (0.0, 1.0)}, "x"), "at least 1"),
+            (lambda: studies.random({"a": (0.0, 1.0)}, 4, seed=-1), "seed = -1"),
+            (lambda: studies.grid({"a": ["x", 1.0]}), "give a list of numbers"),
+            (lambda: studies.grid({"a": [[1.0], [2.0, 3.0]]}), "give a list of numbers"),
+            (lambda: studies.listed([{"a": "x"}]), "'a' is 'x'"),
+            (lambda: studies.listed([{"a": None}]), "'a' is None"),
+            (lambda: studies.listed([3]), "point 0 is 3"),
+            (lambda: studies.around(hb.load_problem("bautin").SYSTEM(), -0.1), "above 0"),
             (lambda: named_distribution("norml", {}), "Did you mean 'normal'"),
             (lambda: named_distribution("normal", {"mean": 1.0}), "give mean, deviation"),
             (lambda: named_distribution("normal", {"mean": 1.0, "deviation": -1.0}), "no finite quantiles"),
@@ -182,6 +192,25 @@ class TestSweep:
         with pytest.raises(hb.ModelError, match="returned NoneType; return a dict"):
             sweep(folder, "nothing", {"k": [1.0]})
 
+    @pytest.mark.parametrize(
+        ("job", "options", "message"),
+        [
+            ("product", {"wiat": 0.0}, "unknown option 'wiat'. Did you mean 'wait'"),
+            ("linear", {"a": 1}, r"unknown option 'a'. Allowed: \(none\)"),
+            ("needy", {}, "job needy needs the option 'share'"),
+            ("alone", {}, "job alone takes no system"),
+        ],
+    )
+    def test_options_are_checked(self, folder, job, options, message):
+        with pytest.raises(hb.ModelError, match=message):
+            sweep(folder, job, {"k": [1.0]}, options=options)
+
+    def test_options_of_a_shipped_job_are_checked_at_the_nominal_point(self, tmp_path):
+        with pytest.raises(hb.ModelError, match=r"unknown search 'wrm'. Did you mean 'warm'"):
+            options, store = {"search": "wrm"}, tmp_path / "s.db"
+            hb.sweep("critical", {"a": [1.0]}, problem="bautin", options=options, store=store, workers=0)
+        assert not (tmp_path / "s.db").exists()
+
     def test_script_without_the_usual_line_is_told(self, folder, tmp_path):
         """Workers import the script; one that sweeps again when it is imported would never end."""
         call = (
@@ -209,6 +238,25 @@ class TestSweep:
     def test_wrong_input(self, folder, job, points, message):
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, job, points)
+
+    @pytest.mark.parametrize(
+        ("points", "keywords", "message"),
+        [
+            (5, {}, "points: got 5"),
+            (None, {}, "points: got None"),
+            ({"k": [1.0]}, {"workers": -1}, "workers = -1"),
+            ({"k": [1.0]}, {"workers": 1.5}, "workers = 1.5"),
+            ({"k": [1.0]}, {"workers": None, "executor": 3}, "executor = 3"),
+        ],
+    )
+    def test_wrong_arguments(self, folder, points, keywords, message):
+        with pytest.raises(hb.ModelError, match=message):
+            sweep(folder, "product", points, **keywords)
+
+    def test_no_function(self, folder):
+        for job in (functools.partial(_root), 3):
+            with pytest.raises(hb.ModelError, match=r"of type (partial|int); give a"):
+                hb.sweep(job, {"k": [1.0]}, problem=str(folder / "spring.py"), workers=0)
 
     def test_unknown_jobs(self, folder):
         for job, message in (("critcal", "Did you mean 'critical'"), ("nofile.py:f", "no file")):
@@ -377,6 +425,17 @@ class TestReport:
         assert "unknown output &#x27;nothing&#x27;" in text
         for link in ("http://", "https://", 'src="/', "<script", "<link"):
             assert link not in text
+
+    def test_a_figure_that_cannot_be_drawn_costs_nothing_else(self, data, tmp_path):
+        figures = [
+            {"kind": "scatter", "x": "a", "y": "kind"},  # text
+            {"kind": "map", "x": "a", "y": "a", "output": "fold"},  # all on a line
+            {"kind": "scatter", "x": "a", "y": "fold"},
+        ]
+        report = report_of(data, "Bautin", ("fold", "flod"), figures)
+        text = write_html(report, tmp_path / "report.html").read_text("utf-8")
+        assert text.count("data:image/png;base64,") >= 2 and "unknown output &#x27;flod&#x27;" in text
+        assert len(report.write(tmp_path)) >= 2
 
     def test_sensitivity_of_a_function_of_one_input(self, data):
         """The fold is -a^2 / 4, whatever the frequency."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from io import BytesIO
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
@@ -220,6 +221,21 @@ def prediction(sampled: ArrayLike, predicted: ArrayLike, label: str, ax: Axes | 
     ax.set_xlabel(f"sampled {label}")
     ax.set_ylabel(f"predicted {label}")
     return legend(ax)
+
+
+@styled
+def unavailable(reason: str, ax: Axes | None = None) -> Axes:
+    """Say in the place of a figure why it cannot be drawn.
+
+    Parameters
+    ----------
+    reason : str
+    ax : Axes
+    """
+    ax = axes(ax, (6.6, 1.6))
+    ax.set_axis_off()
+    ax.text(0.5, 0.5, fill(f"This figure cannot be drawn: {reason}", 80), ha="center", va="center", color=INK)
+    return ax
 
 
 def drawing(figure: Figure, dots: int = 110) -> bytes:

@@ -7,7 +7,8 @@ in which units its outputs are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -154,7 +155,13 @@ def job_function(job: str | Callable[..., Outputs]) -> Callable[..., Outputs]:
         When there is no such job, file or function.
     """
     if callable(job):
+        if not hasattr(job, "__qualname__"):
+            raise ModelError(
+                f"job {job!r} is of type {type(job).__name__}; give a function, and what else it needs as options."
+            )
         return job
+    if not isinstance(job, str):
+        raise ModelError(f"job {job!r} is of type {type(job).__name__}; give a name or a function.")
     if job in JOBS:
         return JOBS[job]
     file, colon, name = job.rpartition(":")
@@ -168,6 +175,36 @@ def job_function(job: str | Callable[..., Outputs]) -> Callable[..., Outputs]:
         own = [n for n, f in vars(module).items() if callable(f) and getattr(f, "__module__", "") == module.__name__]
         raise ModelError(f"job {job!r}: {unknown_name('function', name, own)}")
     return function  # type: ignore[no-any-return]
+
+
+def wrong_option(function: Callable[..., Outputs], options: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return an option that a job does not take or needs and does not get, and a sentence; None where all is well.
+
+    Parameters
+    ----------
+    function : callable
+        A job.
+    options : mapping
+        Keywords for it.
+    """
+    try:
+        parameters = list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):
+        return None  # without a readable signature: let the call speak
+    name = getattr(function, "__name__", "")
+    first = next((p for p in parameters if p.kind not in (p.KEYWORD_ONLY, p.VAR_KEYWORD)), None)
+    if first is None:
+        return "", f"job {name} takes no system; its first argument is the system, the others are its options."
+    others = [p for p in parameters if p is not first or p.kind is p.VAR_POSITIONAL]
+    allowed = [p.name for p in others if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    if not any(p.kind is p.VAR_KEYWORD for p in parameters):
+        for key in options:
+            if key not in allowed:
+                return key, f"job {name}: {unknown_name('option', str(key), allowed)}"
+    for p in others:
+        if p.default is p.empty and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL) and p.name not in options:
+            return "", f"job {name} needs the option {p.name!r}; give it among the options of the job."
+    return None
 
 
 def output_units(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, unknown_name
 from hbbogie.figures import draw
 from hbbogie.report import Report
 from hbbogie.studies.dataset import names_of
@@ -62,18 +62,34 @@ def report_of(
     numeric = [n for n in chosen if n in data and data[n].dtype.kind == "f"]
     tables = [_about(data), _summary(data, numeric)]
     drawn: dict[str, Callable[[], Figure]] = {}
-    notes = []
+    given = names_of(data, "outputs")
+    notes = [f"outputs: {unknown_name('output', n, given)}" for n in outputs if n not in given]
     for k, figure in enumerate(figures, 1):
         try:
             more, draws = _figure(data, dict(figure), k)
-        except ModelError as error:
-            notes.append(f"Figure {k} ({figure['kind']}): {error}")
+        except Exception as error:  # one figure must not cost the others
+            notes.append(f"Figure {k} ({figure['kind']}): {_reason(error)}")
             continue
         tables += more
-        drawn[f"{k}_{figure['kind']}"] = draws
+        drawn[f"{k}_{figure['kind']}"] = partial(_drawn, draws)
     if data["failed"].values.any():
         tables.append(_failures(data))
     return Report(title, tuple(tables), {}, drawn, tuple(notes), {"attributes": dict(data.attrs)})
+
+
+def _drawn(draws: Callable[[], Figure]) -> Figure:
+    """Return a figure; where it cannot be drawn, one that says so."""
+    from hbbogie.plot.studies import unavailable
+
+    try:
+        return draws()
+    except Exception as error:
+        return unavailable(_reason(error)).figure.figure
+
+
+def _reason(error: Exception) -> str:
+    text = str(error).strip().partition("\n")[0]
+    return text if isinstance(error, ModelError) else f"{type(error).__name__}: {text}"
 
 
 def _about(data: xr.Dataset) -> Table:

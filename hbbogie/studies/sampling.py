@@ -9,8 +9,9 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,13 @@ def as_points(points: Points | Mapping[str, Any] | Sequence[Mapping[str, float]]
     """Return points as they are, of a mapping the grid, of a sequence of mappings the list."""
     if isinstance(points, Points):
         return points
-    return grid(points) if isinstance(points, Mapping) else listed(points)
+    if isinstance(points, Mapping):
+        return grid(points)
+    if isinstance(points, Sequence) and not isinstance(points, str):
+        return listed(points)
+    raise ModelError(
+        f"points: got {points!r}; give a mapping from name to values, a list of mappings, or what `sobol` returns."
+    )
 
 
 def grid(axes: Mapping[str, Any]) -> Points:
@@ -83,20 +90,37 @@ def grid(axes: Mapping[str, Any]) -> Points:
     """
     if not axes:
         raise ModelError("grid: no parameter; give the values of at least one, such as {'lam': [0.02, 0.05]}.")
-    columns = [np.atleast_1d(np.asarray(v, dtype=float)) for v in axes.values()]
+    columns = [_axis(name, v) for name, v in axes.items()]
     mesh = np.meshgrid(*columns, indexing="ij")
     return Points(tuple(axes), np.stack([m.ravel() for m in mesh], axis=1), "grid")
+
+
+def _axis(name: str, given: Any) -> Array:
+    """Return the values of a parameter of a grid, shape (k,)."""
+    try:
+        values = np.atleast_1d(np.asarray(given, dtype=float))
+    except (TypeError, ValueError):
+        values = np.empty((0, 0))
+    if values.ndim != 1:
+        raise ModelError(f"grid: parameter {name!r}: got {given!r}; give a list of numbers.")
+    return values
 
 
 def listed(rows: Iterable[Mapping[str, float]]) -> Points:
     """Return points as they are listed; every one names the same parameters."""
     rows = list(rows)
+    for i, row in enumerate(rows):
+        if not isinstance(row, Mapping):
+            raise ModelError(f"list of points: point {i} is {row!r}; give parameter values by name.")
     names = tuple(rows[0]) if rows else ()
     for i, row in enumerate(rows):
         if set(row) != set(names):
             raise ModelError(
                 f"list of points: point {i} names {', '.join(row)}; the first one names {', '.join(names)}."
             )
+        for name, value in row.items():
+            if isinstance(value, str) or np.ndim(value) or not isinstance(value, SupportsFloat):
+                raise ModelError(f"list of points: point {i}: {name!r} is {value!r}; give a number.")
     return Points(names, np.array([[float(row[n]) for n in names] for row in rows]), "list")
 
 
@@ -110,7 +134,11 @@ def from_csv(path: str | Path) -> Points:
     """
     if not Path(path).is_file():
         raise ModelError(f"no file {str(path)!r} with points.")
-    with open(path, encoding="utf-8", newline="") as file:
+    try:
+        text = Path(path).read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"{str(path)!r} cannot be read as text in UTF-8: {error}.") from error
+    with StringIO(text, newline="") as file:
         reader = csv.reader(file)
         names = [cell.partition("[")[0].strip() for cell in next(reader, [])]
         rows = []
@@ -136,6 +164,8 @@ def around(system: System, share: float, names: Sequence[str] | None = None) -> 
     names : sequence of str, optional
         All parameters that enter an equation and are not zero where left out.
     """
+    if not share > 0:
+        raise ModelError(f"around: got {share!r}; give a share above 0, such as 0.2 for plus and minus 20 %.")
     if names is None:
         names = [n for n, v in system.values.items() if v and n not in system.inactive_parameters]
     found = {}
@@ -158,7 +188,9 @@ def latin_hypercube(distributions: Mapping[str, Any], count: int, seed: int = 0)
     """
     from scipy.stats import qmc
 
-    return _mapped(distributions, qmc.LatinHypercube(len(distributions), rng=seed).random(_count(count)), "lhs", seed)
+    return _mapped(
+        distributions, qmc.LatinHypercube(len(distributions), rng=_seed(seed)).random(_count(count)), "lhs", seed
+    )
 
 
 def sobol(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points:
@@ -175,7 +207,7 @@ def sobol(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points
     from scipy.stats import qmc
 
     exponent = int(np.ceil(np.log2(_count(count))))
-    cube = qmc.Sobol(len(distributions), rng=seed).random_base2(exponent)[:count]
+    cube = qmc.Sobol(len(distributions), rng=_seed(seed)).random_base2(exponent)[:count]
     return _mapped(distributions, cube, "sobol", seed)
 
 
@@ -189,7 +221,7 @@ def random(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Point
     count : int
     seed : int
     """
-    cube = np.random.default_rng(seed).random((_count(count), len(distributions)))
+    cube = np.random.default_rng(_seed(seed)).random((_count(count), len(distributions)))
     return _mapped(distributions, cube, "random", seed)
 
 
@@ -213,12 +245,18 @@ def saltelli(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Poi
         raise ModelError(f"saltelli: count = {count}; give a power of two, such as {2 ** int(np.log2(count) + 1)}.")
     k = len(distributions)
     problem = {"num_vars": k, "names": list(distributions), "bounds": [[0.0, 1.0]] * k}
-    cube = sampler.sample(problem, count, calc_second_order=False, seed=seed)
+    cube = sampler.sample(problem, count, calc_second_order=False, seed=_seed(seed))
     return _mapped(distributions, cube, "saltelli", seed)
 
 
+def _seed(seed: int) -> int:
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise ModelError(f"points: seed = {seed!r}; give a whole number of at least 0.")
+    return int(seed)
+
+
 def _count(count: int) -> int:
-    if count < 1 or count != int(count):
+    if not isinstance(count, int | float | np.number) or not 1 <= count < np.inf or count != int(count):
         raise ModelError(f"points: count = {count!r}; give a whole number of at least 1.")
     return int(count)
 

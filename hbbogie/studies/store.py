@@ -235,6 +235,15 @@ class Store:
         return Points(tuple(about["parameters"]), values, about["sampling"], about["seed"])
 
 
+def is_store(path: str | Path) -> bool:
+    """Tell by its first bytes whether a file is a database."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(16) == b"SQLite format 3\0"
+    except OSError:
+        return False
+
+
 def _described(points: Points) -> dict[str, Any]:
     return {"parameters": list(points.names), "sampling": points.kind, "seed": points.seed}
 

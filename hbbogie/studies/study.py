@@ -15,8 +15,9 @@ from hbbogie.errors import ModelError, unknown_name
 from hbbogie.problem import shipped_folder, shipped_problems
 from hbbogie.studies import sampling
 from hbbogie.studies.distributions import Scaled, named_distribution, unit_factor
-from hbbogie.studies.jobs import JOBS, job_function
+from hbbogie.studies.jobs import JOBS, job_function, wrong_option
 from hbbogie.studies.sampling import Points
+from hbbogie.studies.store import is_store
 from hbbogie.studies.sweep import task_of
 from hbbogie.system import System
 
@@ -102,7 +103,12 @@ def load_study(name_or_path: str | Path, count: int | None = None) -> Study:
         For anything wrong: the message names the file, the line or the key, and what is allowed.
     """
     path = find_study(name_or_path)
-    text = path.read_text("utf-8")
+    if is_store(path):
+        raise ModelError(f"{str(path)!r} is the store of a study; give the study file (.toml) here.")
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"study file {str(path)!r} cannot be read as text in UTF-8: {error}.") from error
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -127,7 +133,7 @@ class _Reader:
                 line = i
                 break
         place = f", line {line}" if line else ""
-        name = f"[{table}] {key}" if table else key
+        name = f"[{table}] {key}".rstrip() if table else key
         raise ModelError(f"{self.path}{place}: {name}: {message}")
 
     def take(
@@ -161,9 +167,11 @@ class _Reader:
         values = self.take(content, "", "values", dict, {})
         options = self.take(content, "", "options", dict, {})
         try:
-            job_function(job)
+            wrong = wrong_option(job_function(job), options)
         except ModelError as error:
             self.wrong("", "job", str(error))
+        if wrong:
+            self.wrong("options", *wrong)
         try:
             system = task_of(job, problem, values, options).system()
         except ModelError as error:
@@ -191,12 +199,34 @@ class _Reader:
         self.known(figure, "figures", ("kind", *needed, *may))
         for key in needed:
             self.take(figure, "figures", key, str, None)
+        for key in set(may) & set(figure):
+            if key == "inputs":
+                self.inputs(figure[key], points)
+            elif key == "colour":
+                self.take(figure, "figures", key, str, None)
+            else:
+                self.numbers("figures", key, figure[key])
         if kind == "map":
             for key in ("x", "y"):
                 if figure[key] not in points.names:
                     self.wrong("figures", key, unknown_name("input", figure[key], points.names))
         if kind == "sensitivity" and points.kind != "saltelli":
             self.wrong("figures", "kind", f"sensitivity needs points with sample = 'saltelli'; got {points.kind!r}.")
+
+    def inputs(self, given: Any, points: Points) -> None:
+        """Check the inputs that a figure names."""
+        if not isinstance(given, list) or not given:
+            self.wrong("figures", "inputs", f"got {given!r}; give a list of inputs.")
+        for name in given:
+            if name not in points.names:
+                self.wrong("figures", "inputs", unknown_name("input", str(name), points.names))
+
+    def numbers(self, table: str, key: str, given: Any) -> list[float]:
+        """Return a number or a list of numbers as a list."""
+        found = given if isinstance(given, list) else [given]
+        if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in found):
+            self.wrong(table, key, f"got {given!r}; give a number or a list of numbers.")
+        return [float(v) for v in found]
 
     # --- points -------------------------------------------------------------------------------
 
@@ -234,7 +264,10 @@ class _Reader:
         ranges: dict[str, Any] = {}
         if "around" in content:
             share = self.take(content, "points", "around", (int, float), None)
-            left_out = {*self.take(content, "points", "except", list, []), *given}
+            left_out = [*self.take(content, "points", "except", list, []), *given]
+            for name in left_out:
+                if name not in system.parameter_names:
+                    self.wrong("points", "except", unknown_name("parameter", str(name), system.parameter_names))
             ranges |= {n: r for n, r in sampling.around(system, share).items() if n not in left_out}
         ranges |= {n: self.range(n, v, system) for n, v in given.items()}
         return sampling.METHODS[sample](ranges, number, self.take(content, "points", "seed", int, 0))
@@ -242,13 +275,15 @@ class _Reader:
     def axis(self, name: str, given: Any, system: System) -> list[float]:
         """Return the values of a parameter of a grid: a list, or low, high and count."""
         if isinstance(given, list):
-            return [float(v) for v in given]
+            return self.numbers("points.parameters", name, given)
         if not isinstance(given, dict):
             self.wrong("points.parameters", name, f"got {given!r}; give a list, or {{ low, high, count }}.")
         self.known(given, "points.parameters", ("low", "high", "count", "unit"))
         low, high = (self.take(given, "points.parameters", key, (int, float), None) for key in ("low", "high"))
         factor = self.factor(name, given, system)
         number = self.take(given, "points.parameters", "count", int, None)
+        if number < 1:
+            self.wrong("points.parameters", name, f"count = {number}; give a whole number of at least 1.")
         return list(factor * np.linspace(low, high, number))
 
     def range(self, name: str, given: Any, system: System) -> Any:
@@ -260,6 +295,7 @@ class _Reader:
             if not isinstance(value, int | float) or isinstance(value, bool):
                 self.wrong("points.parameters", name, f"{key} = {value!r}; give a number.")
         if "around" in given:
+            self.take(given, "points.parameters", "around", (int, float), None)
             return sampling.around(system, float(given["around"]), [name])[name]
         factor = self.factor(name, given, system)
         kind = given.get("distribution", "uniform")

@@ -13,7 +13,7 @@ from hbbogie.curves import Progress, default_interval, silent
 from hbbogie.errors import ModelError
 from hbbogie.problem import load_problem
 from hbbogie.studies.dataset import dataset_of, describe_units
-from hbbogie.studies.jobs import JOBS, Outputs
+from hbbogie.studies.jobs import JOBS, Outputs, job_function, wrong_option
 from hbbogie.studies.running import drive, runner_of
 from hbbogie.studies.sampling import Points, as_points
 from hbbogie.studies.store import Store
@@ -100,6 +100,10 @@ def sweep(
     chosen.check(system)
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:
         raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
+    if workers is not None and (not isinstance(workers, int) or workers < 0):
+        raise ModelError(f"sweep: workers = {workers!r}; give a whole number, 0 for this process.")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ModelError(f"sweep: executor = {executor!r}; give a concurrent.futures.Executor.")
     begun = store is not None and Path(store).exists()
     keep = _opened(task, chosen, store, resume, accept_changes)
     try:
@@ -129,6 +133,8 @@ def task_of(
     options: Mapping[str, Any] | None = None,
 ) -> Task:
     """Return the task, with the problem's own parameter and range for the jobs that ask for them."""
+    if wrong := wrong_option(job_function(job), options or {}):
+        raise ModelError(wrong[1])
     module = ModuleType("none")
     if isinstance(problem, str):
         module = load_problem(problem)
