@@ -234,7 +234,8 @@ def unavailable(reason: str, ax: Axes | None = None) -> Axes:
     """
     ax = axes(ax, (6.6, 1.6))
     ax.set_axis_off()
-    ax.text(0.5, 0.5, fill(f"This figure cannot be drawn: {reason}", 80), ha="center", va="center", color=INK)
+    figure_of(ax).set_layout_engine("none")  # which would make room for the text beside the axes
+    ax.text(0.5, 0.5, fill(f"This figure cannot be drawn: {reason}", 70), ha="center", va="center", color=INK)
     return ax
 
 

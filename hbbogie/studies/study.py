@@ -103,6 +103,8 @@ def load_study(name_or_path: str | Path, count: int | None = None) -> Study:
         For anything wrong: the message names the file, the line or the key, and what is allowed.
     """
     path = find_study(name_or_path)
+    if count is not None and count < 1:
+        raise ModelError(f"study: count = {count}; give at least one point.")
     if is_store(path):
         raise ModelError(f"{str(path)!r} is the store of a study; give the study file (.toml) here.")
     try:
@@ -182,6 +184,9 @@ class _Reader:
             self.figure(figure, points)
         title = self.take(content, "", "title", str, self.path.stem)
         outputs = tuple(self.take(content, "", "outputs", list, []))
+        for name in outputs:
+            if not isinstance(name, str):
+                self.wrong("", "outputs", f"got {name!r}; give names of outputs.")
         return Study(self.path, title, problem, job, values, options, points, outputs, tuple(figures))
 
     def beside(self, file: str) -> Path:
