@@ -222,6 +222,11 @@ class TestSweep:
         assert (
             run.returncode == 1 and out == "" and 'In a script the call stands below: if __name__ == "__main__":' in err
         )
+        own = "class A:\n    pass\ndef f(system, a=A, b={'c': {'d', 'e', 'f'}}):\n    return {'product': a.__name__}\n"
+        text = f"import hbbogie as hb\n{own}if __name__ == '__main__':\n    print({call}['product'].values)\n"
+        (tmp_path / "script.py").write_text(text.replace(repr(str(folder / "jobs.py") + ":product"), "f"))
+        out, err = process("script", cwd=tmp_path).communicate(timeout=60)
+        assert out == "['A']\n", err
         text = f"import hbbogie as hb\nif __name__ == '__main__':\n    print({call}['product'].values)\n"
         (tmp_path / "script.py").write_text(text)
         out, err = process("script", cwd=tmp_path).communicate(timeout=60)

@@ -234,8 +234,8 @@ def unavailable(reason: str, ax: Axes | None = None) -> Axes:
     """
     ax = axes(ax, (6.6, 1.6))
     ax.set_axis_off()
-    figure_of(ax).set_layout_engine("none")  # which would make room for the text beside the axes
-    ax.text(0.5, 0.5, fill(f"This figure cannot be drawn: {reason}", 70), ha="center", va="center", color=INK)
+    text = fill(f"This figure cannot be drawn: {reason}", 70)
+    figure_of(ax).text(0.5, 0.5, text, ha="center", va="center", color=INK)
     return ax
 
 

@@ -104,7 +104,7 @@ class Task:
         Files are loaded afresh when they have changed; a function of an imported module needs that to be done here.
         """
         task, wanted = self, self.sources.get("job")
-        if wanted and callable(self.job) and self.loaded()["job"] != wanted and self.job.__module__ in sys.modules:
+        if wanted and callable(self.job) and self.loaded()["job"] != wanted and _importable(self.job):
             found: Any = importlib.reload(sys.modules[self.job.__module__])
             for name in self.job.__qualname__.split("."):
                 found = getattr(found, name, None)
@@ -143,6 +143,12 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def _importable(function: Callable[..., Any]) -> bool:
+    """Tell whether a function stands at the top of a module that can be imported, and so loaded again."""
+    spec = getattr(sys.modules.get(function.__module__), "__spec__", None)
+    return spec is not None and "<" not in function.__qualname__
+
+
 def _source(function: Callable[..., Any]) -> str:
     """Return the source of the file a function stands in, nothing where there is no such file."""
     try:
@@ -168,11 +174,14 @@ def code_of(value: Any, above: tuple[Any, ...] = ()) -> Any:
         return sorted(repr(inside(v)) for v in value)
     if isinstance(value, tuple | list):
         return [inside(v) for v in value]
+    if isinstance(value, dict):
+        return [(inside(k), inside(v)) for k, v in value.items()]
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()
     if isinstance(value, System):
         return problem_hash(value)
-    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+    # neither addresses nor the name that the running script has in worker processes
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value)).replace("__mp_main__", "__main__")
 
 
 def versions() -> dict[str, str]:
