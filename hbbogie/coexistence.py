@@ -11,10 +11,12 @@ from hbbogie.continuation import trace
 from hbbogie.critical import Critical
 from hbbogie.cycles import crossings
 from hbbogie.errors import ConvergenceError
-from hbbogie.guesses import hopf_points
+from hbbogie.guesses import Linearisation, hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.results import Orbit
+from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.system import System
+
+SAME = 0.2  # of the distance from the Hopf point: how far a fold may move with the harmonics
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +27,7 @@ class Coexistence:
     ----------
     parameter : str
     interval : (float, float), unit of the parameter
-        From the fold to the Hopf point.
+        Between the fold and the Hopf point.
     thresholds : tuple of Orbit
         The smallest cycle at values inside the interval, increasing: it is unstable, and motions along its shape
         that are larger start the cycle, smaller ones die out.
@@ -54,28 +56,47 @@ def coexistence(
     Returns
     -------
     list of Coexistence
-        One for each Hopf point whose branch turns back to a fold at a lower value before it rises again.
+        One for each Hopf point whose branch folds on the side on which the equilibrium is stable, below or above.
     """
     equations, found = HarmonicBalance(harmonics).equations(system), []
-    folds = [c for c in critical if c.kind == "fold" and c.extremum == "minimum"]
-    for hopf in (c for c in critical if c.kind == "hopf"):
-        below = [f for f in folds if f.value < hopf.value]
-        if not below:
-            continue
-        name, reach = hopf.parameter, 1e-3 * max(abs(hopf.value), 1e-6)
-        low, high = min(f.value for f in below), hopf.value
-        begins = hopf_points(system, name, (hopf.value - reach, hopf.value + reach))
-        span = (low - 0.1 * (high - low), high + reach)
+    folds = [c for c in critical if c.kind == "fold"]
+    for hopf in (c for c in critical if c.kind == "hopf" and folds):
+        name, values = hopf.parameter, [hopf.value, *(f.value for f in folds)]
+        room = 0.1 * (max(values) - min(values)) or 1e-3 * max(abs(hopf.value), 1e-6)
+        bounds = system.parameter(name).bounds
+        span = max(min(values) - room, bounds[0]), min(max(values) + room, bounds[1])
         try:
-            branch = trace(equations, begins[0], name, span, families=False, stability=False)
-        except (ConvergenceError, IndexError):
+            begins = min(hopf_points(system, name, span), key=lambda h: abs(h.value - hopf.value))
+            branch = trace(equations, begins, name, span, families=False, stability=False)
+        except (ConvergenceError, ValueError):  # no cycle of the kept harmonics begins here
             continue
-        if not branch.folds():
-            continue
-        low = branch.folds()[0].value
-        orbits: list[Orbit] = []
-        for value in np.linspace(low, high, points + 2)[1:-1]:
-            at = crossings(equations, branch, float(value))
-            orbits += [min(at, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))] if at else []
-        found.append(Coexistence(name, (low, high), tuple(orbits)))
+        for special in branch.folds():
+            end = _nearest(folds, special, hopf)
+            if end is None or not _rests(system, name, (end.value, hopf.value)):
+                continue
+            orbits: list[Orbit] = []
+            low, high = sorted((end.value, hopf.value))
+            for value in np.linspace(low, high, points + 2)[1:-1]:
+                at = crossings(equations, branch, float(value))
+                orbits += [min(at, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))] if at else []
+            found.append(Coexistence(name, (low, high), tuple(orbits)))
+            break
     return found
+
+
+def _nearest(folds: Sequence[Critical], special: SpecialPoint, hopf: Critical) -> Critical | None:
+    """Return the critical value that is the fold of a branch, where cycles lie on the side of the Hopf point."""
+    side = "minimum" if special.value < hopf.value else "maximum"
+    near = min(folds, key=lambda f: abs(f.value - special.value))
+    same = abs(near.value - special.value) <= SAME * abs(special.value - hopf.value)
+    return near if same and near.extremum == side else None
+
+
+def _rests(system: System, name: str, ends: tuple[float, float]) -> bool:
+    """Tell whether the equilibrium is stable inside an interval: in the middle and near both ends."""
+    line = Linearisation(system, name)
+    for share in (0.01, 0.5, 0.99):
+        values = line.eigen(ends[0] + share * (ends[1] - ends[0]))[0]
+        if values[0].real > 1e-9 * np.abs(values).max():
+            return False
+    return True

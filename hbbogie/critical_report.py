@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 12  # bars of the tornado chart
+ZERO = 1e-12  # share of the range below which a critical value is 0 but for round-off
 
 
 def critical_of(
@@ -45,13 +47,15 @@ def critical_of(
     name, own = default_interval(module, system, parameter)
     span = interval or own
     progress(f"critical values of {name}", None)
-    found = critical_speeds(system, name, span)
+    found = [_rounded(c, ZERO * (span[1] - span[0])) for c in critical_speeds(system, name, span)]
     unit = system.parameter(name).unit
     if not found:
         note = f"No Hopf point and no fold for {name} from {span[0]:g} to {span[1]:g} {unit}".rstrip() + "."
         return Report(system.name, notes=(note,))
     first = found[0]
     notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}."]
+    if found[-1].extremum == "maximum":
+        notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
     progress("where rest and cycles coexist", None)
     both = coexistence(system, found)
     for c in both:
@@ -60,12 +64,17 @@ def critical_of(
             + " the equilibrium is stable and cycles exist: a disturbance larger than the unstable cycle starts them."
         )
     figures: dict[str, Callable[[], Figure]] = (
-        {"tornado": partial(_tornado, found)} if any(c.gradient for c in found) else {}
+        {"tornado": partial(_tornado, found)} if any(c.gradient and c.value for c in found) else {}
     )
     data = {"critical": [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]}
     data["coexistence"] = [{"interval": c.interval} for c in both]
     tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
     return Report(f"{system.name}: critical values of {name}", tables, {}, figures, tuple(notes), data)
+
+
+def _rounded(c: Critical, size: float) -> Critical:
+    """Return a critical value with 0 for what is zero to round-off."""
+    return replace(c, value=0.0) if abs(c.value) <= size else c
 
 
 def _kind(c: Critical) -> str:
@@ -74,8 +83,15 @@ def _kind(c: Critical) -> str:
 
 def _values(system: System, found: list[Critical], unit: str) -> Table:
     """Return the critical values with what certifies them."""
-    columns = ["kind", label(found[0].parameter, unit), "extremum", "omega [rad/s]", "frequency [Hz]"]
-    columns += ["residual [1]", "curvature", "distance of a multiplier from +1 [1]"]
+    columns = ["kind", label(found[0].parameter, unit), label("error from harmonics", unit)]
+    columns += [
+        "extremum",
+        "omega [rad/s]",
+        "frequency [Hz]",
+        "residual [1]",
+        "curvature",
+        "distance of a multiplier from +1 [1]",
+    ]
     notes = [f"{_kind(c).capitalize()} at {c.value:.6g}: {c.status}." for c in found]
     if any(c.kind == "fold" for c in found):
         notes.append(
@@ -85,10 +101,11 @@ def _values(system: System, found: list[Critical], unit: str) -> Table:
     rows = []
     for c in found:
         shape = c.curvature if c.kind == "fold" and c.gradient else None
-        rows.append(
-            (_kind(c), c.value, c.extremum, c.omega, c.orbit.frequency, c.residual, shape, _beside_one(system, c))
-        )
-    formats = ("", ".8g", "", ".7g", ".7g", ".1e", ".3g", ".1e")
+        error = getattr(c, "error", float("nan"))
+        beside = shape, _beside_one(system, c)
+        left_out = error if np.isfinite(error) else None
+        rows.append((_kind(c), c.value, left_out, c.extremum, c.omega, c.orbit.frequency, c.residual, *beside))
+    formats = ("", ".8g", ".1e", "", ".7g", ".7g", ".1e", ".3g", ".1e")
     return Table("critical", "Critical values", tuple(columns), tuple(rows), formats, tuple(notes))
 
 
@@ -118,30 +135,47 @@ def _disturbances(system: System, both: list[Coexistence], unit: str) -> list[Ta
     return tables
 
 
+def _elasticity(c: Critical, name: str) -> float | None:
+    """Return an elasticity; None where it is not defined, as that of a critical value of 0."""
+    slope = c.elasticities[name] if c.value else float("nan")
+    return slope + 0.0 if np.isfinite(slope) else None
+
+
+def _ranked(found: list[Critical]) -> list[str]:
+    """Return the parameters, the most influential one first: by elasticity, else by the gradient times the value."""
+
+    def influence(c: Critical, name: str) -> float:
+        return abs(c.elasticities[name] if c.value else c.gradient[name] * c.orbit.parameters[name])
+
+    measured = [c for c in found if c.value] or found
+    return sorted(found[0].gradient, key=lambda n: -max(influence(c, n) for c in measured)) if found else []
+
+
 def _gradients(system: System, found: list[Critical], unit: str) -> Table:
     """Return gradients and elasticities, the most influential parameter first."""
     found = [c for c in found if c.gradient]
-    names = sorted(found[0].gradient, key=lambda n: -max(abs(c.elasticities[n]) for c in found)) if found else []
     per = f"{unit or '1'} per unit"
     columns = ["parameter", "unit", "value"]
     for c in found:
         at = f"{_kind(c)} {c.value:.5g}"
         columns += [f"gradient, {at} [{per}]", f"elasticity, {at} [1]"]
     rows = []
-    for n in names:
-        numbers = [x for c in found for x in (c.gradient[n], c.elasticities[n])]
+    for n in _ranked(found):
+        numbers = [x for c in found for x in (c.gradient[n] + 0.0, _elasticity(c, n))]  # no -0
         rows.append((n, system.parameter(n).unit or "1", system.values[n], *numbers))
-    note = "Elasticity: relative change of the critical value per relative change of the parameter."
-    formats = ("", "", ".6g", *[".5g", ".5f"] * len(found))
-    return Table("gradients", "Gradients and elasticities", tuple(columns), tuple(rows), formats, (note,))
+    notes = ["Elasticity: relative change of the critical value per relative change of the parameter."]
+    if any(not c.value for c in found):
+        notes.append("A critical value of 0 has no elasticity.")
+    formats = ("", "", ".6g", *["z.5g", "z.5f"] * len(found))
+    return Table("gradients", "Gradients and elasticities", tuple(columns), tuple(rows), formats, tuple(notes))
 
 
 def _tornado(found: list[Critical]) -> Figure:
     """Draw the elasticities of the most influential parameters as bars."""
     from hbbogie import plot
 
-    found = [c for c in found if c.gradient]
-    names = sorted(found[0].gradient, key=lambda n: -max(abs(c.elasticities[n]) for c in found))[:SHOWN][::-1]
+    found = [c for c in found if c.gradient and c.value]
+    names = _ranked(found)[:SHOWN][::-1]
     figure, ((ax,),) = plot.panels(1, 1, (7.0, 0.9 + 0.36 * len(names)))
     height = 0.8 / len(found)
     for k, c in enumerate(found):

@@ -1,0 +1,50 @@
+"""Critical values as tables and sentences."""
+
+from __future__ import annotations
+
+import pytest
+
+import hbbogie as hb
+from hbbogie.coexistence import coexistence
+from hbbogie.critical_report import critical_of
+
+
+def report_of(name, **options):
+    module = hb.load_problem(name)
+    return critical_of(module, module.SYSTEM(), **options)
+
+
+def table(report, name):
+    return next(t for t in report.tables if t.name == name)
+
+
+@pytest.mark.parametrize(("name", "figures"), [("bautin", {"tornado"}), ("duffing", set())])
+def test_a_critical_value_of_zero_has_no_elasticity(name, figures):
+    """SOLVER: both Hopf points lie at 0; the fold of bautin at -a^2 / 4 has the elasticity 2."""
+    report = report_of(name)
+    gradients = table(report, "gradients")
+    assert all(row[-1] is None for row in gradients.rows)
+    assert set(report.figures) == figures and not any("-0 " in note for note in report.notes)
+    assert not any(cell.strip() == "-0" for t in report.tables for row in t.cells() for cell in row)
+    if figures:
+        assert gradients.rows[0][0] == "a" and gradients.rows[0][4] == pytest.approx(2.0, rel=1e-9)
+        report.figures["tornado"]()
+
+
+def test_no_coexistence_where_rest_is_unstable(bogie):
+    """Beside the second and third Hopf point of the bogie the straight run is unstable on both sides."""
+    (both,) = coexistence(bogie, hb.critical_speeds(bogie, "V", (60.0, 280.0), harmonics=15))
+    assert both.interval == pytest.approx((88.763, 90.974), abs=1e-3)
+
+
+def test_coexistence_above_the_hopf_point():
+    """SOLVER: growth -mu + R - R^2: the fold, a maximum at 1/4, lies above the Hopf point at 0."""
+    x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.0)
+    rate = x**2 + y**2 - (x**2 + y**2) ** 2 - mu
+    system = hb.System("mirrored", [x, y], [mu], [x.dot - x * rate + y, y.dot - y * rate - x])
+    (both,) = coexistence(system, hb.critical_speeds(system, "mu", (-0.5, 0.5), harmonics=5), harmonics=5)
+    assert both.interval == pytest.approx((0.0, 0.25), abs=1e-8)
+    for cycle in both.thresholds:
+        radius = (1 - (1 - 4 * cycle.parameters["mu"]) ** 0.5) / 2
+        assert cycle.amplitude("x") == pytest.approx(radius**0.5, rel=1e-8)
+    assert len(both.thresholds) == 7
