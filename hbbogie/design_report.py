@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 OFF = 0.01  # share below and above the critical value at which motions are integrated
 FASTER = 0.1  # share above it where the cycle lives from which these motions start
+LEAST = 0.1  # of the range: the shares are of the critical value, but of no less than this
 FINER = 31  # highest harmonic of the independent tracing
 
 
@@ -115,7 +116,8 @@ def _both(design: Design) -> tuple[tuple[str, DesignPoint], ...]:
 def _sentences(design: Design, unit: str) -> tuple[str, ...]:
     before, after = design.before.value, design.after.value
     gain = f"The critical value of {design.before.parameter} goes from {before:.6g} to {after:.6g} {unit}".rstrip()
-    first = f"{gain}, by {100 * (after / before - 1):.3g} %." if before else f"{gain}."
+    more = f"{100 * (after / before - 1):.3g} %" if min(before, after) > 0 else f"{after - before:.4g} {unit}".rstrip()
+    first = f"{gain}, by {more}."
     low = [f"{n} ({w:.3g})" for n, w in design.weights.items()]
     other = design.objective.name, design.objective.unit
     ends = f"{design.value_before:.6g} to {design.value:.6g} {other[1]}".rstrip()
@@ -241,14 +243,15 @@ def check_table(design: Design, task: dict[str, Any], progress: Progress) -> Tab
         one = single_level(design.before, design.over, mine)
         rows.append(("one nonlinear program", one.status, one.value))
     for share in (-OFF, OFF):
-        value = point.beyond(share)
+        value = _aside(point, share)
         progress(f"integrating at {point.parameter} = {value:.5g}", None)
-        text = f"motion at {100 * share:+g} %"
+        text = f"motion {abs(value - point.value):.3g} {unit}".rstrip() + (" above" if share > 0 else " below")
         rows.append((text, _settled(point, value), value))
     columns = ("check", "result", label(point.parameter, unit))
     title = f"Checks of the optimum, {point.parameter} = {point.value:.8g} {unit}".rstrip()
     notes = (
-        f"The motions start on the cycle of {100 * FASTER:g} % more. The nonlinear program knows the limits on "
+        f"The motions start on the cycle at {_aside(point, FASTER):.5g} {unit}".rstrip()
+        + ". The nonlinear program knows the limits on "
         "parameters only, and is left out where others hold the optimum.",
     )
     return Table("checks", title, columns, tuple(rows), ("", "", ".8g"), notes)
@@ -268,9 +271,15 @@ def _smallest_traced(point: DesignPoint) -> float:
     return float(min(values))
 
 
+def _aside(point: DesignPoint, share: float) -> float:
+    """Return the value a share beyond the smallest critical value, which may lie near 0."""
+    low, high = point.interval
+    return point.value + share * max(abs(point.value), LEAST * (high - low))
+
+
 def _settled(point: DesignPoint, value: float) -> str:
     try:
-        start = stable_cycle(point, "check", point.beyond(FASTER))
+        start = stable_cycle(point, "check", _aside(point, FASTER))
         if start is None:
             return "there is no cycle to start from"
         at: dict[str, Any] = {point.parameter: value}
@@ -308,7 +317,7 @@ def _bifurcation(branches: dict[str, Branch | None], design: Design) -> Figure:
     for ax in (whole, close):
         plot.branch(list(shown.values()), ax=ax, labels=list(shown), parameter_label=across)
     low, high = (p.value for _, p in _both(design))
-    margin = 0.06 * high
+    margin = 0.06 * (design.before.interval[1] - design.before.interval[0])
     close.set_xlim(min(low, high) - margin, max(low, high) + margin)
     name = design.before.system.coordinate_names[0]
     peaks = [b.amplitude(name)[b.values <= max(low, high) + margin] for b in shown.values()]
