@@ -56,6 +56,12 @@ class Limit:
     lower: float = -np.inf
     upper: float = np.inf
 
+    def __post_init__(self) -> None:
+        if not self.lower <= self.upper:
+            raise ModelError(
+                f"Limit on {self.quantity.name}: lower={self.lower:g}, upper={self.upper:g}; give lower <= upper."
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class CriticalValue:
@@ -144,6 +150,7 @@ class DampingRatio:
     def rows(self, point: DesignPoint) -> list[Row]:
         """Return the rows, by growing frequency."""
         system = point.system
+        _check_within(point, self.name, self.at)
         line = Linearisation(system, point.parameter)
         found = Eigenvalues(system, line.equilibrium(self.at), line.parameters(self.at))
         values = found.values
@@ -155,6 +162,16 @@ class DampingRatio:
             second = None if found.moving else partial(_damping_hessian, found, i)
             rows.append(Row(f"{self.name}, mode {k + 1}", float(-values[i].real / abs(values[i])), gradient, second))
         return rows
+
+
+def _check_within(point: DesignPoint, what: str, value: float) -> None:
+    """Raise `ModelError` when a value of the parameter lies outside its bounds."""
+    low, high = point.system.parameter(point.parameter).bounds
+    if not low <= value <= high:
+        raise ModelError(
+            f"{what}: {point.parameter} = {value:g} lies outside the bounds ({low:g}, {high:g}) of "
+            f"{point.parameter!r}; give a value within."
+        )
 
 
 def _damping_slopes(value: complex, slopes: NDArray[np.complex128]) -> Array:
@@ -200,6 +217,8 @@ class Peak:
     def __post_init__(self) -> None:
         if (self.at is None) == (self.overspeed is None):
             raise ModelError(f"Peak of {self.of!r}: give either at= (a value) or overspeed= (a share), not both.")
+        if self.overspeed is not None and not self.overspeed > 0:
+            raise ModelError(f"Peak of {self.of!r}: overspeed={self.overspeed:g}; give a positive share, such as 0.1.")
 
     @property
     def name(self) -> str:
@@ -211,6 +230,7 @@ class Peak:
         """Return the one row, or none where there is no cycle."""
         equations, share = point.equations, self.overspeed or 0.0
         value = self.at if self.at is not None else point.beyond(share)
+        _check_within(point, self.name, value)
         if value < point.value:
             return []
         cycle = stable_cycle(point, self, value)

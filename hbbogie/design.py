@@ -10,7 +10,7 @@ import numpy as np
 from hbbogie.criteria import Limit, Quantity
 from hbbogie.design_point import DesignPoint
 from hbbogie.design_task import Progress, Task
-from hbbogie.errors import ConvergenceError
+from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.minimax import FAILURES, Minimum
 from hbbogie.system import System
 
@@ -178,7 +178,7 @@ def optimise(
     Raises
     ------
     ModelError
-        For unknown names, bounds that are empty or not allowed, or both ``maximise`` and ``minimise``.
+        For unknown names, bounds that are empty or not allowed, no start, or both ``maximise`` and ``minimise``.
     ConvergenceError
         When the system's own design cannot be judged: its critical value lies below the range.
 
@@ -193,6 +193,10 @@ def optimise(
     --------
     ``optimise(bogie, raise_="V", over={"K1": (2e6, 5e6), "K2": (5e6, 15e6)})``
     """
+    if not isinstance(over, Mapping) or any(np.shape(pair) != (2,) for pair in over.values()):
+        raise ModelError(f"optimise: over={over!r}; give a pair of bounds for each name, such as {{'K1': (2e6, 5e6)}}.")
+    if not (isinstance(starts, int | np.integer) and starts >= 1):
+        raise ModelError(f"optimise: starts={starts!r}; give a whole number from 1.")
     task = Task(system, raise_, dict(over), tuple(subject_to), maximise, minimise, interval, harmonics, progress)
     before = task.before()
     rng = np.random.default_rng(seed)

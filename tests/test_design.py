@@ -166,6 +166,9 @@ def test_wrong_input():
     system = hb.load_problem("bautin").bautin()
     for wrong, text in (
         ({"over": {}}, "names no parameter"),
+        ({"over": {"a": 5.0}}, "pair of bounds"),
+        ({"over": ["a"]}, "pair of bounds"),
+        ({"over": {"a": (0.5, 2.0)}, "starts": 0}, "from 1"),
         ({"over": {"b": (0.5, 2.0)}}, "unknown parameter 'b'"),
         ({"over": {"a": (2.0, 0.5)}}, "low < high"),
         ({"over": {"mu": (0.5, 2.0)}}, "another parameter"),
@@ -177,9 +180,19 @@ def test_wrong_input():
             hb.optimise(system, raise_="mu", interval=(-0.9, 0.5), **wrong)
     with pytest.raises(hb.ModelError, match="either"):
         Peak("x")
+    with pytest.raises(hb.ModelError, match="positive share"):
+        Peak("x", overspeed=0.0)
+    with pytest.raises(hb.ModelError, match="lower <= upper"):
+        Limit(CriticalValue(), lower=1.0, upper=0.0)
     point = design_point(system, "mu", (-0.9, 0.5), 3)
     with pytest.raises(hb.ModelError, match="functions of the parameters"):
         single_level(point, {"a": (0.5, 2.0)}, [Limit(DampingRatio(at=-0.5), lower=0.1)])
+
+
+@pytest.mark.parametrize("quantity", [DampingRatio(at=-5.0), Peak("q1", at=1e9), DampingRatio(at=0.0)])
+def test_values_outside_the_bounds_of_the_parameter(point, quantity):
+    with pytest.raises(hb.ModelError, match="outside the bounds"):
+        quantity.rows(point)
 
 
 # --- exact derivatives on the bogie -----------------------------------------------------------
