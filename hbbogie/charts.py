@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 SEARCHED = 4  # values of the second parameter, evenly over the interval, at which curves are looked for
 SAMPLES = 101  # of the first parameter in search of Hopf points
 POINTS = 60  # of a branch in search of folds: enough for cycles many gaps large
+MORE_POINTS = 200  # where folds are looked for on all branches
 NEAR = 0.03  # of the chart's width and height: how far a curve of folds may stop from its end on a Hopf curve
 ROUND_OFF = 1e-14  # of the chart's width and height
 UNDECIDED = 1e-12  # Lyapunov coefficient that counts as zero
@@ -101,6 +102,11 @@ def chart(
     )
     equations = HarmonicBalance(harmonics).equations(system)
     search = _Search(equations, (parameter, over), window, longest)
+    for name, asked, kept in zip((parameter, over), (span, interval), window, strict=True):
+        if asked is not None and tuple(map(float, asked)) != kept:
+            search.notes.append(
+                f"The range of {name}, ({asked[0]:g}, {asked[1]:g}), was cut to its bounds: ({kept[0]:g}, {kept[1]:g})."
+            )
     for k, value in enumerate(search.places):
         progress(f"Hopf points at {over} = {value:g}", 0.5 * k / len(search.places))
         search.hopf_at(value)
@@ -166,8 +172,15 @@ class _Search:
         for hopf in (point for point, limit in self.starts[value] if limit or secondary):
             folds: tuple[SpecialPoint, ...] = ()
             with self._noted(f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
-                options: dict[str, Any] = {"families": False, "stability": False, "max_points": POINTS}
-                folds = trace(equations, hopf, name, self.span, **options).folds()
+                most = MORE_POINTS if secondary else POINTS
+                options: dict[str, Any] = {"families": False, "stability": False, "max_points": most}
+                branch = trace(equations, hopf, name, self.span, **options)
+                folds = branch.folds()
+                if branch.ends[1].startswith("the largest number"):
+                    self.notes.append(
+                        f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g} was cut off "
+                        f"after {most} points: folds farther along it are not found."
+                    )
             for fold in folds:
                 with self._noted(f"The curve through the fold at {name} = {fold.value:g}, {over} = {value:g}"):
                     if any(passes(other, fold, value) for other in self.folds):
@@ -216,7 +229,8 @@ class _Search:
         system, (name, over) = self.equations.system, self.names
         units = [system.parameter(n).unit for n in self.names]
         within = f"with {name} from {self.span[0]:g} to {self.span[1]:g} {_shown(units[0])}".rstrip()
-        for what, gaps in zip(("fold", "Hopf point"), ranges, strict=True):
+        where = "" if secondary else " on branches at which rest loses stability"
+        for what, gaps in zip((f"fold{where}", "Hopf point"), ranges, strict=True):
             self.notes += [
                 f"No {what} was found for {over} from {a:.6g} to {b:.6g} {_shown(units[1])}".rstrip() + f", {within}."
                 for a, b in gaps

@@ -75,7 +75,10 @@ class TestBautin:
     def test_the_range_without_a_fold(self, bautin_chart):
         assert bautin_chart.without_fold == (pytest.approx((-1.0, 0.0), abs=1e-10),)
         assert bautin_chart.without_hopf == ()
-        assert any("No fold was found for a from -1 to 0 1/s" in note for note in bautin_chart.notes)
+        assert any(
+            "No fold on branches at which rest loses stability was found for a from -1 to 0 1/s" in note
+            for note in bautin_chart.notes
+        )
 
 
 @pytest.fixture(scope="module")
@@ -291,6 +294,15 @@ def test_command(tmp_path):
     assert (tmp_path / "chart.png").is_file() and (tmp_path / "chart.csv").is_file()
     result = CliRunner().invoke(app, ["chart", "bautin", "--over", "b", "0.1", "1", "-o", str(tmp_path)])
     assert result.exit_code == 2
+
+
+def test_a_range_cut_to_the_bounds_is_said():
+    limited = hb.Parameter("a", 0.2, "", "", (0.0, 2.0))
+    x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.0)
+    rate = mu + limited * (x**2 + y**2) - (x**2 + y**2) ** 2
+    system = hb.System("limited", [x, y], [mu, limited], [x.dot - x * rate + y, y.dot - y * rate - x])
+    chart = hb.chart(system, "mu", "a", (-1.0, 0.3), span=(-0.5, 0.5), harmonics=1)
+    assert chart.interval == (0.0, 0.3) and any("cut to its bounds: (0, 0.3)" in note for note in chart.notes)
 
 
 def test_wrong_input(bogie):

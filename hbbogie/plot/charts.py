@@ -171,7 +171,9 @@ def _height(found: Chart) -> tuple[float, float]:
 def _empty_ranges(ax: Axes, found: Chart) -> None:
     """Hatch the ranges in which none was found, at the foot of the axes."""
     across = ax.get_xaxis_transform()
-    for level, (ranges, what) in enumerate(((found.without_fold, "no fold"), (found.without_hopf, "no Hopf point"))):
+    for level, (ranges, what) in enumerate(
+        ((found.without_fold, "no fold found"), (found.without_hopf, "no Hopf point found"))
+    ):
         foot = 0.012 + 0.058 * level
         for low, high in ranges:
             ax.axvspan(low, high, foot, foot + 0.045, fc="white", ec="#8a8a8a", hatch="////", lw=0.6, zorder=3)
