@@ -126,10 +126,10 @@ def design_point(
         found = critical_speeds(system, parameter, interval, harmonics=harmonics)
     else:
         found = [hopf_gradient(system, h) for h in hopf]
-        for c in near.critical:
-            warm = _followed(equations, c, parameter) if c.kind == "fold" else None
-            if warm is not None and not any(_same(warm, other) for other in found):
-                found.append(warm)
+    for c in near.critical if near else ():  # a fold stays when its Hopf point leaves the range
+        warm = _followed(equations, c, parameter) if c.kind == "fold" else None
+        if warm is not None and not any(_same(warm, other) for other in found):
+            found.append(warm)
     kept = sorted((c for c in found if c.extremum != "maximum"), key=lambda c: c.value)
     if kept and not kept[0].gradient and len(system.parameters) > 1:
         raise ConvergenceError(
