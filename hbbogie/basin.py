@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
@@ -22,6 +20,7 @@ from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.integration import initial_state, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import Ends, Place, follow, place_of, states_of, steps_for
+from hbbogie.processes import one_thread_each
 from hbbogie.results import Basin, Branch, Orbit
 from hbbogie.system import System
 
@@ -29,7 +28,6 @@ Array = NDArray[np.float64]
 HARMONICS = 31  # of the cycles that motions are compared with
 PERIODS = 130  # that a motion is followed where no duration is given
 MOTIONS = 32  # in one task: one call of the mapped integrator advances them all
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def find_basin(
@@ -309,7 +307,7 @@ def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers
     """Give the ends of the motions of each task as they come; what a broken process leaves out is not given."""
     context = get_context("spawn")  # a fork would copy the threads of BLAS in whatever state they are
     stop = context.Event()
-    with _one_thread_each(), ProcessPoolExecutor(workers, context, _begin, (job, stop)) as pool:
+    with one_thread_each(), ProcessPoolExecutor(workers, context, _begin, (job, stop)) as pool:
         futures: dict[Future[Ends], int] = {
             pool.submit(_task, i, x): k for k, (i, x) in enumerate(zip(at, starts, strict=True))
         }
@@ -323,18 +321,3 @@ def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers
         finally:  # also after Ctrl-C: motions under way end at their next look
             stop.set()
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let processes started meanwhile use one thread for linear algebra each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

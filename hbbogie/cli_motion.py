@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -40,6 +39,7 @@ def basin(
 ) -> None:
     """Map which motions die out and which settle on a cycle, over a parameter and the initial amplitude."""
     from hbbogie import report, time_domain
+    from hbbogie.processes import cores
     from hbbogie.terminal import deliver, numbers, progress_shown
 
     module, system = load(name, overrides)
@@ -57,7 +57,7 @@ def basin(
             along=direction,
             largest=largest,
             duration=duration,
-            workers=(os.cpu_count() or 1) if workers is None else workers,
+            workers=cores() if workers is None else workers,
         )
         files = found.write(folder, progress)
         scan.save(folder / "basin.nc")

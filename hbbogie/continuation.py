@@ -99,7 +99,10 @@ def trace(
         )
     if equations.phase is None:
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
+    special = start if isinstance(start, SpecialPoint) else None
     origin = start.orbit if isinstance(start, SpecialPoint) else start
+    from_hopf = special is not None and special.kind == "hopf"
+    begins = special is not None and (from_hopf or special.onward is not None)
     p = equations.system.vector()
     place = equations.system.parameter_names.index(parameter)
     p[place] = origin.parameters.get(parameter, p[place])
@@ -108,14 +111,14 @@ def trace(
             f"trace: the start has {parameter} = {p[place]:g}, outside the interval ({lo:g}, {hi:g}); widen it."
         )
     curve = Curve(equations, parameter, hi - lo, p, tolerance)
-    if isinstance(start, SpecialPoint) and start.onward is not None:
-        first, both = first_beyond(curve, start)
-    elif isinstance(start, SpecialPoint) and start.kind == "hopf":
-        first, both = _first_point(curve, first_cycle(equations, start), equations, growing=True), False
+    if special is not None and special.onward is not None:
+        first, both = first_beyond(curve, special)
+    elif special is not None and from_hopf:
+        first, both = _first_point(curve, first_cycle(equations, special), equations, growing=True), False
     else:
         first, both = _first_point(curve, origin, equations, growing=False), True
     # a fold may follow closely where a gap first closes
-    begin = step * CAREFUL if isinstance(start, SpecialPoint) and start.kind == "hopf" else step
+    begin = step * CAREFUL if from_hopf else step
     walker = _Walker(curve, (lo, hi), (begin, longest), max_points, families, progress)
     forward, end = walker.walk(first)
     backward, beginning = [first], "" if both else f"began here, at the {_name(start)}"
@@ -126,15 +129,14 @@ def trace(
     points, place = [b.turned() for b in backward[:0:-1]] + forward, len(backward) - 1
     if end == CLOSED:  # begin one point later, so that the start lies between two others, should it be special
         points = [*points[1:-1], points[1]]
-    begins = isinstance(start, SpecialPoint) and (start.kind == "hopf" or start.onward is not None)
-    if isinstance(start, SpecialPoint) and not begins and 0 < place < len(points) - 1:
+    if special is not None and not begins and 0 < place < len(points) - 1:
         del points[place]  # its neighbours enclose it, and it is located anew
     judge = stability and any(abs(point.tangent[-1]) >= VERTICAL for point in points)
-    if isinstance(start, SpecialPoint) and start.kind == "hopf" and judge:
-        start = onset(start, equations.system.with_parameters(**{parameter: start.value}), points)
-    known = {place: start} if isinstance(start, SpecialPoint) and begins and judge else {}
-    orbits, special = special_points(curve, points, judge=judge, known=known)
-    return Branch(tuple(orbits), parameter, special, (beginning, end))
+    if special is not None and from_hopf and judge:
+        special = onset(special, equations.system.with_parameters(**{parameter: special.value}), points)
+    known = {place: special} if special is not None and begins and judge else {}
+    orbits, met = special_points(curve, points, judge=judge, known=known)
+    return Branch(tuple(orbits), parameter, met, (beginning, end))
 
 
 def _name(start: Orbit | SpecialPoint) -> str:

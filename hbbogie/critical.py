@@ -267,8 +267,8 @@ def critical_speeds(
     Returns
     -------
     list of Critical
-        In increasing order of the value. Folds on branches that reach no Hopf point in the interval are not
-        among them.
+        In increasing order of the value. Folds on branches that reach no Hopf point in the interval, or up to half
+        of it beyond its ends, are not among them.
 
     Raises
     ------

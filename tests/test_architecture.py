@@ -10,7 +10,7 @@ import hbbogie
 PACKAGE = Path(hbbogie.__file__).parent
 # imports go down, or sideways without a circle
 FLOORS = {
-    "errors": 0, "fourier": 0, "ramps": 0,
+    "errors": 0, "fourier": 0, "ramps": 0, "processes": 0,
     "laws": 1, "elements": 1, "results": 1,
     "analysis": 2, "system": 2,
     "equations": 3, "integration": 3, "settling": 3, "variation": 3, "stability": 3, "hill": 3, "shooting": 3,

@@ -15,6 +15,7 @@ from typing import Any
 
 from hbbogie.curves import Progress
 from hbbogie.errors import ModelError
+from hbbogie.processes import cores, one_thread_each
 from hbbogie.studies.optional import required
 from hbbogie.studies.store import NOMINAL, Store
 from hbbogie.studies.tasks import Outcome, Task, check_names, failure, run_point, start_worker
@@ -24,7 +25,6 @@ SILENT = 10  # points that may kill their workers as long as none has answered
 DEADLY = f"the worker process died {TRIES} times on this point: out of memory, or a crash in native code"
 EVERY = 0.2  # s between two reports of progress
 PATIENCE = 0.5  # s; within which Ctrl-C that reached a worker reaches this process
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 class Runner:
@@ -95,7 +95,7 @@ def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, sch
     def pool() -> cf.Executor:
         return cf.ProcessPoolExecutor(count, mp_context=context, initializer=start_worker)
 
-    with _one_thread_each():
+    with one_thread_each():
         runner = Runner(task.packed(), pool, True, 2 * count)
         try:
             _await_start([runner.executor.submit(os.getpid) for _ in range(count)])
@@ -113,25 +113,6 @@ def _await_start(answers: list[cf.Future[int]]) -> None:
             "the worker processes end as soon as they start; see what they print above. In a script the call stands "
             'below: if __name__ == "__main__":'
         ) from None
-
-
-def cores() -> int:
-    """Return the number of cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Set what worker processes inherit: one thread for linear algebra."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name, None)
-            if value is not None:
-                os.environ[name] = value
 
 
 def drive(runner: Runner, keep: Store, report: Progress) -> None:
