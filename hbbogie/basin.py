@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -20,7 +20,7 @@ from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.integration import initial_state, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import Ends, Place, follow, place_of, states_of, steps_for
-from hbbogie.processes import one_thread_each
+from hbbogie.processes import LOOK, interruptions, one_thread_each
 from hbbogie.results import Basin, Branch, Orbit
 from hbbogie.system import System
 
@@ -307,17 +307,19 @@ def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers
     """Give the ends of the motions of each task as they come; what a broken process leaves out is not given."""
     context = get_context("spawn")  # a fork would copy the threads of BLAS in whatever state they are
     stop = context.Event()
-    with one_thread_each(), ProcessPoolExecutor(workers, context, _begin, (job, stop)) as pool:
-        futures: dict[Future[Ends], int] = {
-            pool.submit(_task, i, x): k for k, (i, x) in enumerate(zip(at, starts, strict=True))
-        }
+    pool = ProcessPoolExecutor(workers, context, _begin, (job, stop))
+    with one_thread_each(), interruptions() as pressed, pool:
         try:
-            for future in as_completed(futures):
-                try:
-                    ends = future.result()
-                except BrokenProcessPool:
-                    continue
-                yield futures[future], ends
-        finally:  # also after Ctrl-C: motions under way end at their next look
+            tasks = enumerate(zip(at, starts, strict=True))
+            futures: dict[Future[Ends], int] = {pool.submit(_task, i, x): k for k, (i, x) in tasks}
+            waiting = set(futures)
+            while waiting and not pressed():
+                finished, waiting = wait(waiting, LOOK, FIRST_COMPLETED)
+                for future in finished:
+                    if not isinstance(future.exception(), BrokenProcessPool):
+                        yield futures[future], future.result()
+        finally:  # motions under way end at their next look
             stop.set()
             pool.shutdown(cancel_futures=True)
+        if pressed():
+            raise KeyboardInterrupt

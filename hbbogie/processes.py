@@ -1,12 +1,14 @@
-"""Worker processes: how many, and with one thread for linear algebra each."""
+"""Worker processes: how many, with one thread for linear algebra each, and Ctrl-C while they work."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import signal
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+LOOK = 0.2  # s between two looks for Ctrl-C while waiting for other processes
 
 
 def cores() -> int:
@@ -26,3 +28,25 @@ def one_thread_each() -> Iterator[None]:
             os.environ.pop(name, None)
             if value is not None:
                 os.environ[name] = value
+
+
+@contextmanager
+def interruptions() -> Iterator[Callable[[], int]]:
+    """Count how often Ctrl-C is pressed, in place of `KeyboardInterrupt` at any moment.
+
+    Raised inside the machinery of an executor, or just before the block that cleans up, that exception leaves locks
+    held and processes running. Outside the main thread, where no signal arrives, and where Ctrl-C is ignored, the
+    count stays zero.
+    """
+    pressed: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        if before is not signal.SIG_IGN:
+            signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
+    except ValueError:  # not in the main thread
+        yield lambda: 0
+        return
+    try:
+        yield lambda: len(pressed)
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -8,14 +8,14 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from hbbogie.curves import Progress
 from hbbogie.errors import ModelError
-from hbbogie.processes import cores, one_thread_each
+from hbbogie.processes import LOOK, cores, interruptions, one_thread_each
 from hbbogie.studies.optional import required
 from hbbogie.studies.store import NOMINAL, Store
 from hbbogie.studies.tasks import Outcome, Task, check_names, failure, run_point, start_worker
@@ -26,34 +26,64 @@ DEADLY = f"the worker process died {TRIES} times on this point: out of memory, o
 EVERY = 0.2  # s between two reports of progress
 PATIENCE = 0.5  # s; within which Ctrl-C that reached a worker reaches this process
 
+Flying = dict[cf.Future[Outcome], tuple[int, dict[str, float]]]  # points and their values, by what computes them
+
 
 class Runner:
-    """Submits points to an executor; a local pool that broke is built anew."""
+    """Submits points to an executor that its user owns."""
 
-    def __init__(self, payload: bytes | Task, build: Callable[[], cf.Executor], rebuilds: bool, window: int):
-        self.payload, self.build, self.rebuilds, self.window = payload, build, rebuilds, window
-        self.executor = build()
+    def __init__(self, payload: bytes | Task, executor: cf.Executor, window: int):
+        self.payload, self.executor, self.window = payload, executor, window
+
+    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
+        """Submit a point."""
+        return self.executor.submit(run_point, self.payload, point, values)
+
+    def renew(self, error: cf.BrokenExecutor) -> None:
+        """Go on after an executor has lost a process, or raise `ModelError`."""
+        raise ModelError("the executor given is broken: one of its processes died; resume with a new one.") from error
+
+    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+        """Begin no further point."""
+        for future in flying:
+            future.cancel()
+
+    def kill(self) -> None:
+        """Drop what is in flight, as far as that can be done."""
+
+
+class _Pool(Runner):
+    """Submits points to a pool of local processes, which is built anew when it breaks."""
+
+    def __init__(self, payload: bytes | Task, count: int):
+        context = multiprocessing.get_context("spawn")
+        self.stop = context.Event()
+        self.build = lambda: cf.ProcessPoolExecutor(count, context, start_worker, (self.stop,))
+        super().__init__(payload, self.build(), 2 * count)
 
     def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
         """Submit a point; to a pool that has just broken, as a future that says so."""
         try:
-            return self.executor.submit(run_point, self.payload, point, values)
+            return super().submit(point, values)
         except BrokenProcessPool as error:
             future: cf.Future[Outcome] = cf.Future()
             future.set_exception(error)
             return future
 
-    def rebuild(self) -> None:
-        """Take a new executor for the one that broke."""
+    def renew(self, error: cf.BrokenExecutor) -> None:
+        """Take a new pool for the one that broke."""
         self.executor.shutdown(wait=False, cancel_futures=True)
         self.executor = self.build()
         _await_start([self.executor.submit(os.getpid)])
 
+    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+        """Begin no further point; the workers are told, as a pool with cancelled futures does not survive `kill`."""
+        self.stop.set()
+
     def kill(self) -> None:
-        """End the processes of a local pool at once."""
-        if self.rebuilds:
-            for process in list((getattr(self.executor, "_processes", None) or {}).values()):
-                process.kill()
+        """End the processes at once."""
+        for process in list((getattr(self.executor, "_processes", None) or {}).values()):
+            process.kill()
 
 
 class _Here(cf.Executor):
@@ -78,25 +108,20 @@ def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, sch
             ) from error
         with client:
             threads = sum(client.nthreads().values())
-            yield Runner(task.packed(by_value=True), client.get_executor, False, max(4 * threads, 16))
+            yield Runner(task.packed(by_value=True), client.get_executor(), max(4 * threads, 16))
         return
     if executor is not None:
         window = 4 * int(getattr(executor, "_max_workers", 0) or os.cpu_count() or 1)
-        yield Runner(task.packed(by_value=True), lambda: executor, False, window)
+        yield Runner(task.packed(by_value=True), executor, window)
         return
     if workers == 0:
-        yield Runner(task, _Here, False, 1)
+        yield Runner(task, _Here(), 1)
         return
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise ModelError('sweep: put the call below: if __name__ == "__main__": (worker processes import the script).')
     count = workers or cores()
-    context = multiprocessing.get_context("spawn")
-
-    def pool() -> cf.Executor:
-        return cf.ProcessPoolExecutor(count, mp_context=context, initializer=start_worker)
-
     with one_thread_each():
-        runner = Runner(task.packed(), pool, True, 2 * count)
+        runner = _Pool(task.packed(), count)
         try:
             _await_start([runner.executor.submit(os.getpid) for _ in range(count)])
             yield runner
@@ -116,57 +141,69 @@ def _await_start(answers: list[cf.Future[int]]) -> None:
 
 
 def drive(runner: Runner, keep: Store, report: Progress) -> None:
-    """Submit the missing points, a window of them at a time, and store what comes back."""
+    """Do the missing points and store what comes back.
+
+    At Ctrl-C `KeyboardInterrupt` is raised when what is in flight has come down.
+    """
+    flying: Flying = {}
+    # in this process Ctrl-C is to reach the job
+    with nullcontext(lambda: 0) if isinstance(runner.executor, _Here) else interruptions() as pressed:
+        try:
+            _work(runner, keep, _Meter(keep, report), flying, pressed)
+        except KeyboardInterrupt:
+            _land(runner, flying, keep, pressed)
+            raise
+
+
+def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: Callable[[], int]) -> None:
+    """Submit the missing points, a window of them at a time; ``flying`` holds what is in flight."""
     waiting = deque(keep.missing())
-    meter = _Meter(keep, report)
-    flying: dict[cf.Future[Outcome], tuple[int, dict[str, float]]] = {}
     suspects: deque[tuple[int, dict[str, float]]] = deque()
     deaths: dict[int, int] = {}
     lost, answered = 0, False
     # the nominal point alone: what is wrong with the job or its options shows there
     window = 1 if waiting and waiting[0][0] == NOMINAL else runner.window
-    try:
-        while waiting or flying or suspects:
-            if suspects and not flying:  # one at a time: who kills a worker alone is guilty
-                item = suspects.popleft()
-                flying[runner.submit(*item)] = item
-            while waiting and not suspects and len(flying) < window:
-                item = waiting.popleft()
-                flying[runner.submit(*item)] = item
-            finished, _ = cf.wait(flying, timeout=1.0, return_when=cf.FIRST_COMPLETED)
-            broken: list[tuple[int, dict[str, float]]] = []
-            for future in finished:
-                item = flying.pop(future)
-                try:
-                    outcome = _outcome(future, item[0], runner.rebuilds)
-                except BrokenProcessPool:
-                    broken.append(item)
-                    continue
-                answered, window = True, runner.window
-                if item[0] == NOMINAL:
-                    _refuse(outcome, keep)
-                keep.put(outcome)
-                meter.count(outcome)
-            if broken:
-                broken += flying.values()
-                flying.clear()
-                window = runner.window
-                if len(broken) == 1:  # several in flight are all suspects and none guilty
-                    deaths[broken[0][0]] = deaths.get(broken[0][0], 0) + 1
-                for item in broken:
-                    if deaths.get(item[0], 0) < TRIES:
-                        suspects.append(item)
-                    else:
-                        dead = failure(item[0], DEADLY)
-                        keep.put(dead)
-                        meter.count(dead)
-                        lost += 1
-                if lost > SILENT and not answered:
-                    raise ModelError("the worker processes die before any of them answers; see what they print above.")
-                runner.rebuild()
-    except KeyboardInterrupt:
-        _land(runner, flying, keep)
-        raise
+    while waiting or flying or suspects:
+        if suspects and not flying:  # one at a time: who kills a worker alone is guilty
+            item = suspects.popleft()
+            flying[runner.submit(*item)] = item
+        while waiting and not suspects and len(flying) < window:
+            item = waiting.popleft()
+            flying[runner.submit(*item)] = item
+        finished, _ = cf.wait(flying, timeout=LOOK, return_when=cf.FIRST_COMPLETED)
+        if pressed():
+            raise KeyboardInterrupt
+        broken: list[tuple[int, dict[str, float]]] = []
+        for future in finished:
+            item = flying.pop(future)
+            try:
+                outcome = _outcome(future, item[0], pressed)
+            except BrokenProcessPool as error:
+                broken.append(item)
+                loss = error
+                continue
+            answered, window = True, runner.window
+            if item[0] == NOMINAL:
+                _refuse(outcome, keep)
+            keep.put(outcome)
+            meter.count(outcome)
+        if broken:
+            broken += flying.values()
+            flying.clear()
+            window = runner.window
+            if len(broken) == 1:  # several in flight are all suspects and none guilty
+                deaths[broken[0][0]] = deaths.get(broken[0][0], 0) + 1
+            for item in broken:
+                if deaths.get(item[0], 0) < TRIES:
+                    suspects.append(item)
+                else:
+                    dead = failure(item[0], DEADLY)
+                    keep.put(dead)
+                    meter.count(dead)
+                    lost += 1
+            if lost > SILENT and not answered:
+                raise ModelError("the worker processes die before any of them answers; see what they print above.")
+            runner.renew(loss)
 
 
 def _refuse(nominal: Outcome, keep: Store) -> None:
@@ -177,17 +214,17 @@ def _refuse(nominal: Outcome, keep: Store) -> None:
     check_names(nominal.outputs, keep.about()["parameters"])
 
 
-def _outcome(future: cf.Future[Outcome], point: int, rebuilds: bool) -> Outcome:
+def _outcome(future: cf.Future[Outcome], point: int, pressed: Callable[[], int]) -> Outcome:
     """Return the outcome of a finished future; raise where the executor as a whole is lost."""
     if not future.cancelled() and isinstance(future.exception(), KeyboardInterrupt):
-        time.sleep(PATIENCE)  # Ctrl-C at a terminal reaches this process, too, and ends this sleep
+        time.sleep(PATIENCE)  # Ctrl-C at a terminal reaches this process, too
+        if pressed():
+            raise KeyboardInterrupt
         return failure(point, "KeyboardInterrupt: raised by the job")
     try:
         return future.result()
     except BrokenProcessPool:
-        if rebuilds:
-            raise
-        raise ModelError("the executor given is broken: one of its processes died; resume with a new one.") from None
+        raise
     except (cf.CancelledError, cf.BrokenExecutor) as error:
         raise ModelError(
             "the executor was shut down or lost its workers; what is finished is stored, resume."
@@ -198,18 +235,25 @@ def _outcome(future: cf.Future[Outcome], point: int, rebuilds: bool) -> Outcome:
         )
 
 
-def _land(runner: Runner, flying: Mapping[cf.Future[Outcome], Any], keep: Store) -> None:
-    """Cancel what has not begun, and store what is in flight when it has come down; drop it at a second Ctrl-C."""
-    running = [future for future in flying if not future.cancel()]
-    many = f"{len(running)} point{'s' * (len(running) != 1)}"
-    if not all(future.done() for future in running):
-        print(f"waiting for {many} in flight; Ctrl-C again to drop them", file=sys.stderr, flush=True)
-    try:
-        for future in cf.as_completed(running):
-            if future.exception() is None:
+def _land(runner: Runner, flying: Flying, keep: Store, pressed: Callable[[], int]) -> None:
+    """Begin nothing more, and store what is in flight when it has come down; drop it at a second Ctrl-C."""
+    runner.cancel(flying)
+    waiting, said = set(flying), False
+    while True:
+        cf.wait(waiting, timeout=LOOK)
+        for future in [f for f in waiting if f.done()]:
+            waiting.remove(future)
+            if not future.cancelled() and future.exception() is None:
                 keep.put(future.result())
-    except KeyboardInterrupt:
-        runner.kill()
+        if not waiting:
+            return
+        if pressed() > 1:
+            runner.kill()
+            return
+        if not said:
+            many = f"{len(waiting)} point{'s' * (len(waiting) != 1)}"
+            print(f"waiting for {many} in flight; Ctrl-C again to drop them", file=sys.stderr, flush=True)
+            said = True
 
 
 class _Meter:

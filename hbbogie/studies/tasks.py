@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import CellType
@@ -240,7 +241,14 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) ->
     point : int
     values : mapping from name to float
         Parameter values, in the unit of each.
+
+    Raises
+    ------
+    concurrent.futures.CancelledError
+        In a worker that is to begin no further point.
     """
+    if any(stop.is_set() for stop in _stops):
+        raise CancelledError
     start, worker = time.perf_counter(), f"{platform.node()}:{os.getpid()}"
     try:
         system, job, options = _ready(payload)
@@ -297,8 +305,15 @@ def _plain(name: str, value: Any) -> float | str | None:
     return None if number != number else number
 
 
-def start_worker() -> None:
-    """Prepare a worker of the local pool: Ctrl-C is for the parent, and a worker ends when its parent does."""
+_stops: list[Any] = []  # in a worker of the local pool: the event at which it begins no further point
+
+
+def start_worker(stop: Any) -> None:
+    """Prepare a worker of the local pool.
+
+    Ctrl-C is for the parent, which sets the event ``stop``; a worker ends when its parent does.
+    """
+    _stops.append(stop)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = os.getppid()
 
