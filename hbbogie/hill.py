@@ -11,13 +11,13 @@ from scipy.linalg import matrix_balance
 
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
+from hbbogie.stability import sides
 from hbbogie.system import System
 from hbbogie.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-MARGIN = 5.0  # a multiplier this many errors from the unit circle has a side
 NODES, PHASE = 16, 8.0  # Gauss points for each so many radians of the fastest oscillation
 
 
@@ -230,26 +230,13 @@ def _judge(exponents: Complex, copies: float, trace: float, orbit: Orbit, tolera
     with np.errstate(over="ignore", invalid="ignore"):
         multipliers = np.exp(exponents * T)
     trivial = int(np.argmin(np.abs(multipliers - 1)))
-    moduli = np.abs(np.delete(multipliers, trivial))
     health = {
         "trivial": float(abs(multipliers[trivial] - 1)),
         "copies": copies,
         "determinant": float(abs(exponents.sum().real - trace) * T / max(1.0, abs(trace) * T)),
     }
-    margin = max(MARGIN * max(health["trivial"], copies), 1e-8)
-    outside, near = int((moduli > 1 + margin).sum()), int((np.abs(moduli - 1) <= margin).sum())
     bad = [name for name, error in health.items() if not error <= tolerance]
-    if bad:
-        verdict = "unknown"
-        reason = f"not healthy ({', '.join(bad)}; allowed is {tolerance:g}): take more harmonics, or a better orbit"
-    elif outside:
-        verdict, reason = "unstable", f"{outside} multiplier(s) outside the unit circle, the largest {moduli.max():.6g}"
-    elif near:
-        verdict, reason = "unknown", f"{near} multiplier(s) within {margin:.2g} of the unit circle"
-    else:
-        verdict = "stable"
-        reason = (
-            f"all multipliers but the trivial one inside the unit circle, the largest {moduli.max(initial=0.0):.6g}"
-        )
+    doubt = f"not healthy ({', '.join(bad)}; allowed is {tolerance:g}): take more harmonics, or a better orbit"
+    verdict, outside, reason = sides(multipliers, trivial, max(health["trivial"], copies), doubt if bad else "")
     figures = ", ".join(f"{name} {error:.2g}" for name, error in health.items())
     return HillStability(verdict, multipliers, exponents, health, outside, f"{reason}; errors: {figures}.")

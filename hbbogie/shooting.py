@@ -184,6 +184,11 @@ class Shooting:
         f, J = f.full().T.reshape(N, STAGES, n), J.full().reshape(n, N, STAGES, n).transpose(1, 2, 0, 3)
         return f / self.scale, J * self.scale / self.scale[:, None]
 
+    def trace(self, path: Path) -> float:
+        """Return the integral of the trace of the rates' derivative over the period."""
+        traces = np.trace(self.rates(path)[1], axis1=2, axis2=3)
+        return float(path.h @ (traces @ WEIGHTS))
+
     def linearise(self, path: Path) -> Step:
         """Return the equations and their derivatives, the stages eliminated."""
         N, _, n = path.stages.shape

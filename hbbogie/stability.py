@@ -103,7 +103,7 @@ def floquet(
     parts = 2 if halved else 1
     log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
     trace = parts * (trace_integral(waveform, mesh) + passages.log_determinant)
-    return _judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
+    return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
 
 
 def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
@@ -127,7 +127,7 @@ def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
 # --- verdicts ---------------------------------------------------------------------------------
 
 
-def _judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: float) -> Stability:
+def judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: float) -> Stability:
     """Return the verdict on a cycle from its map and from Liouville's formula.
 
     Parameters
@@ -138,50 +138,61 @@ def _judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: f
     log_det, trace : float
         Over the full period: log abs det accumulated over the mesh, and the integral of the trace.
     tolerance : float
+        Largest error of the trivial multiplier, and of the logarithm of the determinant relative to its size.
     """
     values, vectors = np.linalg.eig(matrix)
     order = np.argsort(-np.abs(values), kind="stable")
     values, vectors = values[order].astype(complex), vectors[:, order]
     trivial = int(np.argmin(np.abs(values - 1)))
     multipliers = values**parts
-    error = float(abs(multipliers[trivial] - 1))
-    moduli = np.abs(np.delete(multipliers, trivial))
-    margin = max(MARGIN * error, 1e-8)
-    outside, near = int((moduli > 1 + margin).sum()), moduli[np.abs(moduli - 1) <= margin]
-    liouville = abs(log_det - trace) / max(1.0, abs(trace))
-    verdict = "unstable" if outside else "stable"
-    if error > tolerance:
-        verdict = "unknown"
-        reason = (
+    error, liouville = float(abs(multipliers[trivial] - 1)), abs(log_det - trace) / max(1.0, abs(trace))
+    doubt = ""
+    if not error <= tolerance:
+        doubt = (
             f"no multiplier is closer to 1 than {error:.2g}, allowed is {tolerance:g}: the orbit is not "
             "exact enough; take more harmonics or solve it more tightly"
         )
         if np.sort(np.abs(values - 1))[:2].max() < 2 * abs(values[trivial] - 1):
-            reason += " (two are equally near: where two meet at 1, in a conservative system or at a fold, "
-            reason += "they carry the square root of the orbit's error)"
-    elif liouville > tolerance:
-        verdict = "unknown"
-        reason = (
+            doubt += " (two are equally near: where two meet at 1, in a conservative system or at a fold, "
+            doubt += "they carry the square root of the orbit's error)"
+    elif not liouville <= tolerance:
+        doubt = (
             f"the determinant is off (Liouville): its logarithm is {log_det:.6g}, the integral of the trace "
             f"{trace:.6g}; take more steps"
         )
-    elif outside:
-        reason = f"{outside} multiplier(s) outside the unit circle, the largest {moduli.max():.6g}"
-    elif len(near):
-        verdict = "unknown"
-        reason = (
-            f"{len(near)} multiplier(s) besides the trivial one within {margin:.2g} of the unit circle: "
-            "neutral as far as can be told (a conservative system, or a bifurcation)"
-        )
-    else:
-        largest = moduli.max(initial=0.0)
-        reason = f"all multipliers but the trivial one inside the unit circle, the largest {largest:.6g}"
+    verdict, outside, reason = sides(multipliers, trivial, error, doubt)
     reason += f"; error of the trivial multiplier {error:.2g}, of the determinant {liouville:.2g}."
     halves = values if parts == 2 else None
     others = [i for i in range(len(values)) if i != trivial]
     critical = complex(multipliers[others[0]]) if others else None
     mode = _scaled(vectors[:, others[0]]) if others else None
     return Stability(verdict, multipliers, error, outside, reason, halves, critical, mode)
+
+
+def sides(multipliers: Complex, trivial: int, error: float, doubt: str) -> tuple[str, int, str]:
+    """Return the verdict, the number of multipliers outside the unit circle, and why, the beginning of a sentence.
+
+    Parameters
+    ----------
+    multipliers : ndarray, shape (n_states,)
+    trivial : int
+        The place of the trivial one.
+    error : float
+        Of the multipliers near the unit circle; closer to it than `MARGIN` times that none has a side.
+    doubt : str
+        Why the verdict is "unknown" whatever the multipliers are; empty where there is no reason.
+    """
+    moduli, margin = np.abs(np.delete(multipliers, trivial)), max(MARGIN * error, 1e-8)
+    outside, near = int((moduli > 1 + margin).sum()), int((np.abs(moduli - 1) <= margin).sum())
+    largest = f"the largest {moduli.max(initial=0.0):.6g}"
+    if doubt:
+        return "unknown", outside, doubt
+    if outside:
+        return "unstable", outside, f"{outside} multiplier(s) outside the unit circle, {largest}"
+    if near:
+        reason = f"{near} multiplier(s) besides the trivial one within {margin:.2g} of the unit circle: "
+        return "unknown", 0, reason + "neutral as far as can be told (a conservative system, or a bifurcation)"
+    return "stable", 0, f"all multipliers but the trivial one inside the unit circle, {largest}"
 
 
 def _scaled(vector: NDArray[Any]) -> Complex:

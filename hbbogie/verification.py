@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -14,6 +14,7 @@ from hbbogie.integration import positive
 from hbbogie.jumps import Passages, passages_along, passages_of
 from hbbogie.results import Orbit, Stability
 from hbbogie.shooting import SINGULAR, TO_LEGENDRE, Path, Pattern, Shooting, Step, states_at
+from hbbogie.stability import judge
 from hbbogie.system import System
 from hbbogie.variation import Waveform, check_orbit, product
 
@@ -24,6 +25,7 @@ ATTEMPTS = 5  # orders of contacts tried
 SAMPLES = 16  # intervals of an element in which contacts and peaks are looked for
 HARMONICS = (127, 255, 511)  # highest harmonic of a polished orbit, the first that resolves it
 RESOLVED = 1e-7  # tail of a resolved orbit
+TRUSTED = 1e-4  # largest error of the trivial multiplier and, relative to its size, of the logarithm of the determinant
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,7 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
         )
     coefficients, distance = _aligned(shooting, path, step, orbit)
     isolated = shooting.isolation(path, step) > SINGULAR
-    stability = _stability(step, passages)
+    stability = _stability(shooting, path, step, passages)
     status = _status(path, shooting, closure, distance, isolated)
     changes = {"method": f"multiple shooting, {len(path.x)} elements", "residual": closure, "status": status}
     polished = orbit.replace(coefficients=coefficients, omega=omega, stability=stability, **changes)
@@ -332,19 +334,12 @@ def _peaks(shooting: Shooting, path: Path, step: Step) -> dict[str, float]:
     return peaks
 
 
-def _stability(step: Step, passages: Passages) -> Stability:
+def _stability(shooting: Shooting, path: Path, step: Step, passages: Passages) -> Stability:
     """Return multipliers and verdict from the transition matrices of the elements and those of the jumps."""
     if passages.corner:
         none = np.full(step.gap.shape[1], np.nan, dtype=complex)
         return Stability("unknown", none, float("nan"), 0, f"{passages.corner}.")
-    multipliers = np.linalg.eigvals(product(passages.inserted(step.transitions))).astype(complex)
-    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
-    trivial = int(np.argmin(np.abs(multipliers - 1)))
-    error = float(abs(multipliers[trivial] - 1))
-    moduli = np.abs(np.delete(multipliers, trivial))
-    margin = max(5 * error, 1e-8)
-    outside, near = int((moduli > 1 + margin).sum()), bool((np.abs(moduli - 1) <= margin).any())
-    verdict = "unknown" if error > 1e-4 or (near and not outside) else "unstable" if outside else "stable"
-    reason = f"largest modulus but the trivial one {moduli.max(initial=0.0):.6g}; error of the trivial one {error:.2g}."
-    others = np.delete(multipliers, trivial)
-    return Stability(verdict, multipliers, error, outside, reason, None, complex(others[0]) if len(others) else None)
+    transitions = passages.inserted(step.transitions)
+    log_det, trace = float(np.linalg.slogdet(transitions)[1].sum()), shooting.trace(path) + passages.log_determinant
+    found = judge(product(transitions), 1, log_det, trace, TRUSTED)
+    return replace(found, mode=None)  # it is that of scaled states, at the path's beginning and not at phase 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
+from hbbogie import verification
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.verification import Verification, defect, verify
 
@@ -246,3 +247,19 @@ def test_a_jump_is_not_resolved() -> None:
     orbit = hb.last_orbit(system, hb.settle(system, {"x": 1.0}).trajectory, 25)
     with pytest.raises(ConvergenceError):
         verify(system, orbit)
+
+
+def test_determinant_of_the_bogie_by_liouville(bogie, cycles_at_90) -> None:
+    """The flanges act on positions alone, so the trace of the state matrix is the same along the whole cycle."""
+    shooting, path, step = verification._closed(bogie, cycles_at_90[-1], TOLERANCE)
+    p = bogie.vector(**cycles_at_90[-1].parameters)
+    exact = path.durations.sum() * np.trace(bogie.ode_jacobian(np.zeros(14), p).full())
+    assert shooting.trace(path) == pytest.approx(exact, rel=1e-12)
+    assert np.linalg.slogdet(step.transitions)[1].sum() == pytest.approx(exact, rel=1e-10)
+
+
+def test_a_determinant_that_is_off_is_not_trusted(van_der_pol, monkeypatch) -> None:
+    orbit = cycle_of_van_der_pol(van_der_pol, 1.0, 15)
+    monkeypatch.setattr(verification.Shooting, "trace", lambda shooting, path: np.log(8.7e-4))  # truth: 8.597e-4
+    stability = verify(van_der_pol, orbit).orbit.stability
+    assert stability.verdict == "unknown" and "Liouville" in stability.reason
