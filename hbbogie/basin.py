@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -20,7 +19,7 @@ from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.integration import initial_state, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import Ends, Place, follow, place_of, states_of, steps_for
-from hbbogie.processes import LOOK, interruptions, one_thread_each
+from hbbogie.processes import LOOK, end_with_parent, interruptions, one_thread_each
 from hbbogie.results import Basin, Branch, Orbit
 from hbbogie.system import System
 
@@ -294,7 +293,7 @@ _here: dict[str, Any] = {}  # in a worker process: the job, and the event that e
 
 
 def _begin(job: _Job, stop: Any) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's: it sets the event
+    end_with_parent()
     _here.update(job=job, stop=stop)
 
 

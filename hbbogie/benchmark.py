@@ -12,7 +12,19 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from hbbogie import HarmonicBalance, find_cycles, floquet, hopf_points, load_problem, simulate, solve, trace
+from hbbogie import (
+    HarmonicBalance,
+    critical_speeds,
+    find_cycles,
+    floquet,
+    fold,
+    hopf_points,
+    load_problem,
+    simulate,
+    solve,
+    trace,
+    verify,
+)
 
 REPEATS = 5
 
@@ -60,6 +72,14 @@ def measure(H: int = 15) -> list[tuple[str, float, str]]:
         lambda: trace(equations, hopf[0], "V", (60.0, 190.0)),
         remark=lambda b: ", ".join(f"{s.kind} {s.value:.4f}" for s in b.special),
     )
+    add(
+        "critical speeds from 20 to 300 m/s, from nothing",
+        lambda: critical_speeds(builder(), "V", (20.0, 300.0)),
+        3,
+        lambda found: ", ".join(f"{c.kind} {c.value:.4f}" for c in found),
+    )
+    lowest = min(branch.orbits, key=lambda orbit: orbit.parameters["V"])
+    add("warm fold with its gradient", lambda: fold(equations, lowest, "V"), 10, lambda c: f"{c.value:.5f} m/s")
     near = branch.orbits[-5]
     V = near.parameters["V"]
     equations.derivatives(())
@@ -67,6 +87,7 @@ def measure(H: int = 15) -> list[tuple[str, float, str]]:
     solve(equations, near, V=V, method="ipopt")
     add("warm solve, 1 m/s away, IPOPT", lambda: solve(equations, near, V=V + 1.0, method="ipopt"), 20)
     add("Floquet multipliers of a cycle", lambda: floquet(system, near), 10, lambda s: s.verdict)
+    add("the same cycle verified by shooting", lambda: verify(system, near), 3, lambda v: v.status)
     add("both cycles at 90 m/s with stability", lambda: find_cycles(system, V=90.0), 3, lambda c: f"{len(c)} cycles")
     start = {"q1": 0.03, "q3": 0.03}
     add("60 s of motion, RK4 with 1 ms", lambda: simulate(system, start, 60.0), 3)

@@ -282,6 +282,7 @@ def critical_speeds(
     span = check_interval(system, parameter, around)
     coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
     found: list[Critical] = []
+    located: list[SpecialPoint] = []
     for hopf in hopf_points(system, parameter, span):
         if lo <= hopf.value <= hi:
             found.append(hopf_gradient(system, hopf))
@@ -289,12 +290,14 @@ def critical_speeds(
             branch = trace(coarse, hopf, parameter, span, families=False, stability=False)
         except (ConvergenceError, ModelError):  # no cycle of the kept harmonics begins here
             continue
-        for special in branch.folds():
-            located = _polished(fine, special)
-            if harmonics > COARSE:
-                located = replace(located, error=abs(located.value - special.value))
-            if lo <= located.value <= hi and not any(_same(located, other) for other in found):
-                found.append(located)
+        # a branch between two Hopf points is traced from both
+        located += [new for new in branch.folds() if not any(_same(new, other) for other in located)]
+    for special in located:
+        critical = _polished(fine, special)
+        if harmonics > COARSE:
+            critical = replace(critical, error=abs(critical.value - special.value))
+        if lo <= critical.value <= hi and not any(_same(critical, other) for other in found):
+            found.append(critical)
     return sorted(found, key=lambda c: c.value)
 
 
@@ -309,6 +312,6 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
         return Critical("fold", special.parameter, value, extremum, omega, {}, orbit, orbit.residual, nan, status)
 
 
-def _same(a: Critical, b: Critical) -> bool:
+def _same(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:
     pairs: tuple[tuple[Any, Any], ...] = ((a.value, b.value), (a.omega, b.omega))
     return a.kind == b.kind and all(abs(x - y) <= 1e-7 * max(abs(x), abs(y)) for x, y in pairs)

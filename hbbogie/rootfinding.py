@@ -33,6 +33,27 @@ class Conditions:
     amplitude: int | None = None
 
 
+class Buffered:
+    """A CasADi function with dense inputs and outputs, called on NumPy arrays without conversions."""
+
+    def __init__(self, function: ca.Function):
+        self.buffer, self.run = function.buffer()
+        self.inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+        outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        for i, a in enumerate(self.inputs):
+            self.buffer.set_arg(i, a.data)
+        for i, a in enumerate(outputs):
+            self.buffer.set_res(i, a.data)
+        self.outputs = [a.reshape(function.size_out(i), order="F") for i, a in enumerate(outputs)]
+
+    def __call__(self, *values: Array) -> list[Array]:
+        """Return the values of the function, each of its shape."""
+        for a, value in zip(self.inputs, values, strict=True):
+            a[:] = value
+        self.run()
+        return [a.copy() for a in self.outputs]
+
+
 class Problem:
     """The equations with their conditions as a scaled root-finding problem in y = (z, p[free]).
 
@@ -60,7 +81,7 @@ class Problem:
         if conditions.amplitude is not None:
             self.row_scale = np.append(self.row_scale, target)
             self.rows = (*self.rows, "prescribed amplitude")
-        self._jacobian = equations.derivatives(conditions.free)
+        self._jacobian = Buffered(equations.derivatives(conditions.free))
 
     def parameters(self, y: Array) -> Array:
         """Return the parameter vector that belongs to y."""
@@ -71,7 +92,7 @@ class Problem:
     def evaluate(self, y: Array) -> tuple[Array, Array]:
         """Return the residual and its Jacobian with respect to y."""
         z, p = y[: self.equations.size], self.parameters(y)
-        F, J = (m.full() for m in self._jacobian(z, p))
+        F, J = self._jacobian(z, p)
         F = F.ravel()
         if self.conditions.amplitude is not None:
             g, dg = first_harmonic(self.equations, self.conditions)(z, p)

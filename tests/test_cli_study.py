@@ -153,6 +153,7 @@ def test_wrong_study_files(tmp_path, old, new, message):
 def test_wrong_arguments(tmp_path):
     for args, message in (
         (("run", "conicity_yaw_stifness"), "Did you mean 'conicity_yaw_stiffness'"),
+        (("run", "nothing.toml"), "no study file 'nothing.toml'"),
         (("status", "nothing.db"), "no study 'nothing.db'"),
         (("export", "nothing.db", "-o", "x.xls"), "ends in .nc, .csv, .parquet"),
         (("report", "nothing.db", "-o", "x.pdf"), "ends in .html"),

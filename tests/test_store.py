@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures as cf
 import importlib
+import json
 import multiprocessing
 import os
 import signal
@@ -61,12 +62,12 @@ def test_killed_and_resumed(tmp_path, truth):
     first = process(*command)
     before = wait_for(lambda: finished(store) >= 5 and read(store), "five points")
     first.kill()
-    first.communicate()
+    first.communicate(timeout=60)
     second = process(*command, "--resume")
     done = finished(store)
     between = wait_for(lambda: finished(store) >= done + 5 and read(store), "five more points")
     os.kill(second.pid, signal.SIGKILL)
-    second.communicate()
+    second.communicate(timeout=60)
     out, err = process(*command, "--resume").communicate(timeout=60)
     assert "40 of 40 points" in err, out
     data = read(store)
@@ -83,7 +84,7 @@ def test_workers_end_with_their_parent(tmp_path):
     wait_for(lambda: finished(store) >= 2, "two points")
     workers = {int(str(w).split(":")[1]) for w in read(store)["worker"].values}
     parent.kill()
-    parent.communicate()
+    parent.communicate(timeout=60)
 
     def gone():
         return not any(_runs(pid) for pid in workers)
@@ -141,6 +142,9 @@ def test_changes_are_refused(tmp_path):
         run(path, store=store, resume=True)
     more = run(path, store=store, resume=True, accept_changes=True)
     assert more.sizes["point"] == 48
+    (change,) = json.loads(more.attrs["changes"])
+    assert change["what"] == ["other points (40 of k, c, now 48 of k, c)"]
+    assert (more["finished"].values < change["accepted"]).sum() == 40
     np.testing.assert_array_equal(more["product"].values, more["k"].values * more["c"].values)
     kept = more.isel(point=more["c"].values < 6)
     np.testing.assert_array_equal(kept["finished"].values, first["finished"].values)
@@ -326,10 +330,11 @@ def test_dask_cluster_that_loses_a_worker(tmp_path, truth):
     cluster = [process("dask", "scheduler", "--port", 0, "--scheduler-file", where, *loopback, **nothing)]
     try:
         wait_for(lambda: where.exists() and where.read_text().strip().endswith("}"), "the scheduler")
+        address = json.loads(where.read_text())["address"]
+        study = process("hbbogie", "study", "run", path, "--store", store, "--scheduler", address)
+        assert any("no worker has joined" in line for line in iter(study.stderr.readline, ""))
         worker = ("dask", "worker", "--scheduler-file", where, "--nthreads", 1, "--no-nanny", *loopback)
         cluster += [process(*worker, **nothing) for _ in range(2)]
-        address = load_json(where)["address"]
-        study = process("hbbogie", "study", "run", path, "--store", store, "--scheduler", address)
         wait_for(lambda: len(_workers(store)) == 2 and finished(store) >= 8, "both workers")
         cluster[1].kill()
         out, err = study.communicate(timeout=90)
@@ -344,9 +349,3 @@ def test_dask_cluster_that_loses_a_worker(tmp_path, truth):
 
 def _workers(store):
     return set(read(store)["worker"].values) if finished(store) else set()
-
-
-def load_json(path):
-    import json
-
-    return json.loads(path.read_text())

@@ -1,9 +1,9 @@
 """Assembly of the harmonic-balance residual with exact first and second derivatives.
 
 The residual is put together in two stages. What varies with the number of contacts or samples comes
-first: the moments of the contact indicators, and the coefficients of sampled forces. Everything else,
-among it the dynamic stiffness and the condensation, is one scalar-expanded function of the unknowns,
-the parameters and those numbers. Derivatives follow the same two stages, which keeps them exact and
+first: the Fourier coefficients of the ramps and of the sampled forces. Everything else, among it the dynamic
+stiffness and the condensation, is one scalar-expanded function of the unknowns, the parameters and those
+coefficients, in which it is linear. Derivatives follow the same two stages, which keeps them exact and
 sparse, and far cheaper than differentiating the whole.
 """
 
@@ -25,6 +25,7 @@ from hbbogie.system import System
 
 Array = NDArray[np.float64]
 ElementForce = Callable[[Any, ca.SX, ca.SX], ca.SX]
+Gains = list[tuple[ca.MX, ca.MX, ca.MX, ca.MX]]  # of each ramp
 
 
 class Assembly:
@@ -62,26 +63,45 @@ class Assembly:
         self.ramps = sum(len(e.directions) for e in parts.contacts) if self.ramp else 0
         self._build_stage()
         z, p = self._mx()
-        m, c = self._first_stage(z, p)
-        # the moments are frozen: the force vanishes at the contact times, so they add nothing at first order
-        F = self.stage(z, p, ca.stop_diff(m, 1), c, 0)
-        self.residual = ca.Function("F", [z, p], [F], ["z", "p"], ["F"])
-        if any(i in self.E for i in self.force_rows):  # condensed coordinates then feel the forces directly
-            coefficients = self._decode(z, p, ca.stop_diff(m, 1), c)
-        else:
-            coefficients = self._decode(z, p, 0, 0)
-        self.coefficients = ca.Function("coefficients", [z, p], [coefficients], ["z", "p"], ["c"])
+        c = self._first_stage(z, p, self._gains(z, p))
+        self.residual = ca.Function("F", [z, p], [self.stage(z, p, c)], ["z", "p"], ["F"])
+        if not any(i in self.E for i in self.force_rows):  # condensed coordinates do not feel the forces directly
+            c = ca.MX.zeros(*c.shape)
+        self.coefficients = ca.Function("coefficients", [z, p], [self._decode(z, p, c)], ["z", "p"], ["c"])
         self.frequency = ca.Function("omega", [z], [layout.unpack(z)[2]])
 
     def _mx(self) -> tuple[ca.MX, ca.MX]:
         return ca.MX.sym("z", self.layout.size), ca.MX.sym("p", self.n_p)
 
-    # --- first stage: contact moments and sampled forces ----------------------------------------
+    # --- first stage: ramps between their contact times, and sampled forces ---------------------
 
-    def _first_stage(self, z: ca.MX, p: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Return the moments of all ramps, one column each, and the coefficients of the sampled forces."""
-        moments = [self.ramp.contacts(w)[0] for w in ca.horzsplit(self.inputs(z, p))] if self.ramp else []
-        return ca.horzcat(*moments) if moments else ca.MX(0, 0), self.sampling.coefficients(z, p)
+    def _gains(self, z: ca.MX, p: ca.MX) -> Gains:
+        """Return for each ramp its input w, its gain G (the coefficients are G w), contact times and weights."""
+        found = []
+        for w in ca.horzsplit(self.inputs(z, p)) if self.ramp else []:
+            moments, times, weights = self.ramp.contacts(w)
+            # frozen: the force vanishes at the contact times, so they add nothing at first order
+            found.append((w, self.ramp.gain(ca.stop_diff(moments, 1)), times, weights))
+        return found
+
+    def _first_stage(self, z: ca.MX, p: ca.MX, gains: Gains) -> ca.MX:
+        """Return the coefficients of all ramps, then of the sampled forces, one column each."""
+        ramps = [ca.mtimes(G, w) for w, G, _, _ in gains]
+        return ca.horzcat(*ramps, self.sampling.coefficients(z, p))
+
+    def _first_stage_jacobian(self, z: ca.MX, p: ca.MX, gains: Gains, free: tuple[int, ...]) -> ca.MX:
+        """Return the derivative of vec(`_first_stage`) with respect to (z, p[free])."""
+        W = ca.vertsplit(self._input_slopes(free)(z, p), self.inputs.size1_out(0)) if gains else []
+        blocks = [ca.mtimes(G, slope) for (_, G, _, _), slope in zip(gains, W, strict=True)]
+        if self.layout.parts.remainder_rows:
+            blocks.append(self.sampling.jacobian(z, p, free))
+        return ca.vertcat(*blocks) if blocks else ca.MX(0, self.layout.size + len(free))
+
+    def _input_slopes(self, free: tuple[int, ...]) -> ca.Function:
+        """Return (z, p) -> derivative of all ramps' inputs, one below the other, with respect to (z, p[free])."""
+        z, p, _ = self._stage_symbols()
+        y = ca.vertcat(z, *(p[i] for i in free))
+        return ca.Function("input_slopes", [z, p], [ca.jacobian(ca.vec(self.inputs(z, p)), y)])
 
     # --- second stage: everything else, one scalar-expanded function ----------------------------
 
@@ -89,22 +109,18 @@ class Assembly:
         layout = self.layout
         z, p = ca.SX.sym("z", layout.size), ca.SX.sym("p", self.n_p)
         rows_kept = len(fourier.rows_of(layout.kept))
-        m = ca.SX.sym("m", 2 * (2 * layout.H + 1), self.ramps) if self.ramp else ca.SX(0, 0)
-        c = ca.SX.sym("c", rows_kept, len(layout.parts.remainder_rows)) if layout.parts.remainder_rows else ca.SX(0, 0)
-        e = ca.SX.sym("e", rows_kept, self.ramps)  # perturbations of the ramps' coefficients, zero in use
+        c = ca.SX.sym("c", rows_kept, self.ramps + len(layout.parts.remainder_rows))
         inputs = self._ramp_inputs(z, p)
         self.inputs = ca.Function("inputs", [z, p], [ca.densify(ca.horzcat(*(w for w, _ in inputs)))])
-        forces, means = self._forces(z, p, m, c, e, inputs)
+        forces, means = self._forces(z, p, c, inputs)
         X, mean, omega = layout.unpack(z)
         F, XC = self._balance(X, mean, omega, p, forces, means)
-        self.stage = ca.Function("stage", [z, p, m, c, e], [F], list("zpmce"), ["F"])
-        at_zero = ca.substitute(self._all_coefficients(X, XC, mean), e, ca.SX.zeros(*e.shape))
-        self._decode = ca.Function("decode", [z, p, m, c], [at_zero], list("zpmc"), ["X"])
+        self.stage = ca.Function("stage", [z, p, c], [F], list("zpc"), ["F"])
+        self._decode = ca.Function("decode", [z, p, c], [self._all_coefficients(X, XC, mean)], list("zpc"), ["X"])
 
     def _stage_symbols(self) -> list[ca.SX]:
-        """Return symbols for z, p, m, c and a zero for e."""
-        names, shapes = self.stage.name_in(), [self.stage.size_in(i) for i in range(5)]
-        return [ca.SX.sym(n, *s) for n, s in zip(names[:4], shapes[:4], strict=True)] + [ca.SX(*shapes[4])]
+        """Return symbols for z, p and c."""
+        return [ca.SX.sym(name, *self.stage.size_in(i)) for i, name in enumerate(self.stage.name_in())]
 
     def _arguments(self, element: Any, z: ca.SX, p: ca.SX) -> ca.SX:
         """Return the coefficients of an element's argument on the kept rows."""
@@ -136,7 +152,7 @@ class Assembly:
         return element.argument(zero, zero, p)
 
     def _ramp_force(
-        self, element: Any, u: ca.SX, p: ca.SX, m: ca.SX, e: ca.SX, ramps: list[tuple[int, tuple[ca.SX, ca.SX]]]
+        self, element: Any, u: ca.SX, p: ca.SX, c: ca.SX, ramps: list[tuple[int, tuple[ca.SX, ca.SX]]]
     ) -> ca.SX:
         """Return the force coefficients of a contact element: its straight line and its ramps, with their places."""
         layout = self.layout
@@ -148,20 +164,17 @@ class Assembly:
         else:
             force[0] += offset
         for place, (w, k) in ramps:
-            if self.ramp:
-                force += k * (ca.mtimes(self.ramp.gain(m[:, place]), w) + e[:, place])
-            else:
-                force += k * ca.fmax(w[0] + w[1], 0)
+            force += k * (c[:, place] if self.ramp else ca.fmax(w[0] + w[1], 0))
         return force
 
     def _forces(
-        self, z: ca.SX, p: ca.SX, m: ca.SX, c: ca.SX, e: ca.SX, inputs: list[tuple[ca.SX, ca.SX]]
+        self, z: ca.SX, p: ca.SX, c: ca.SX, inputs: list[tuple[ca.SX, ca.SX]]
     ) -> tuple[dict[int, ca.SX], list[ca.SX]]:
         """Return the force coefficients of the moving harmonics per equation, and the mean force of each."""
         layout, parts = self.layout, self.layout.parts
         total = {i: ca.SX.zeros(len(fourier.rows_of(layout.kept))) for i in range(layout.n)}
         for k, i in enumerate(parts.remainder_rows):
-            total[i] += c[:, k]
+            total[i] += c[:, self.ramps + k]
         B, place = parts.directions(p), 0
         for column, element in enumerate(parts.contacts):
             u = self._arguments(element, z, p)
@@ -170,7 +183,7 @@ class Assembly:
             else:
                 end = place + len(element.directions)
                 ramps = list(enumerate(inputs))[place:end]
-                force, place = self._ramp_force(element, u, p, m, e, ramps), end
+                force, place = self._ramp_force(element, u, p, c, ramps), end
             for i in set(B[:, column].sparsity().row()):
                 total[i] += B[i, column] * force
         first = 0 if layout.odd else 1
@@ -232,58 +245,68 @@ class Assembly:
 
     def _build_derivatives(self, free: tuple[int, ...]) -> ca.Function:
         sx = self._stage_symbols()
-        F = self.stage(*sx)
-        y = ca.vertcat(sx[0], *(sx[1][i] for i in free))
-        first = ca.Function("stage_jacobian", sx[:4], [F, ca.jacobian(F, y), ca.jacobian(F, ca.vec(sx[3]))])
+        F, y = self.stage(*sx), ca.vertcat(sx[0], *(sx[1][i] for i in free))
+        first = ca.Function("stage_jacobian", sx, [F, ca.jacobian(F, y), ca.jacobian(F, ca.vec(sx[2]))])
         z, p = self._mx()
-        m, c = self._first_stage(z, p)
-        F, J, J_c = first(z, p, m, c)
-        if self.layout.parts.remainder_rows:
-            J = J + ca.mtimes(J_c, self.sampling.jacobian(z, p, free))
-        return ca.Function("dF", [z, p], [F, J], ["z", "p"], ["F", "J"])
+        gains = self._gains(z, p)
+        F, J, J_c = first(z, p, self._first_stage(z, p, gains))
+        J = J + ca.mtimes(J_c, self._first_stage_jacobian(z, p, gains, free))
+        return ca.Function("dF", [z, p], [ca.densify(F), ca.densify(J)], ["z", "p"], ["F", "J"])
+
+    def _lagrangian(self) -> tuple[list[ca.SX], ca.SX]:
+        """Return [z, p, c, multipliers, pulls], and multipliers . F with the ramps' inputs pulled at besides.
+
+        ``pulls`` has the shape of the inputs and stands for the derivative of multipliers . F in each of them.
+        """
+        sx, lam = self._stage_symbols(), ca.SX.sym("multipliers", self.layout.size)
+        pulls = ca.SX.sym("pulls", *self.inputs.size_out(0))
+        L = ca.dot(lam, self.stage(*sx)) + ca.dot(pulls, self.inputs(*sx[:2]))
+        return [*sx, lam, pulls], L
+
+    def _pulls(self) -> ca.Function:
+        """Return (z, p, multipliers) -> derivative of multipliers . F in the coefficients of the first stage."""
+
+        def build() -> ca.Function:
+            (z, p, c, lam, _), L = self._lagrangian()
+            return ca.Function("pulls", [z, p, lam], [ca.densify(ca.gradient(L, c))])
+
+        found: ca.Function = self._once("pulls", build)
+        return found
+
+    def _pulled(self, gains: Gains, pull_c: ca.MX) -> ca.MX:
+        """Return the pulls on the ramps' inputs from those on their coefficients."""
+        columns = [ca.mtimes(G.T, pull_c[:, i]) for i, (_, G, _, _) in enumerate(gains)]
+        return ca.horzcat(*columns) if columns else ca.MX.zeros(*self.inputs.size_out(0))
 
     def _build_sensitivity(self) -> ca.Function:
-        sx, lam = self._stage_symbols(), ca.SX.sym("multipliers", self.layout.size)
-        L = ca.dot(lam, self.stage(*sx))
-        slopes = [ca.densify(ca.gradient(L, sx[1])), ca.densify(ca.gradient(L, ca.vec(sx[3])))]
-        first = ca.Function("stage_slopes", [*sx[:4], lam], slopes)  # one sweep backwards, not a Jacobian
+        sx, L = self._lagrangian()
+        on_p = ca.Function("stage_slopes", sx, [ca.densify(ca.gradient(L, sx[1]))])  # one sweep, not a Jacobian
         z, p = self._mx()
-        multipliers = ca.MX.sym("multipliers", self.layout.size)
-        m, c = self._first_stage(z, p)
-        L_p, L_c = first(z, p, m, c, multipliers)
+        multipliers, gains = ca.MX.sym("multipliers", self.layout.size), self._gains(z, p)
+        c = self._first_stage(z, p, gains)
+        pull_c = self._pulls()(z, p, multipliers)
+        L_p = on_p(z, p, c, multipliers, self._pulled(gains, pull_c))
         if self.layout.parts.remainder_rows:
-            everything = tuple(range(self.n_p))
-            L_p = L_p + ca.mtimes(L_c.T, self.sampling.jacobian(z, p, everything)[:, self.layout.size :]).T
+            slopes = self.sampling.jacobian(z, p, tuple(range(self.n_p)))[:, self.layout.size :]
+            L_p = L_p + ca.mtimes(slopes.T, ca.vec(pull_c[:, self.ramps :]))
         return ca.Function("sensitivity", [z, p, multipliers], [L_p], ["z", "p", "multipliers"], ["L_p"])
 
     def _build_hessian(self, free: tuple[int, ...]) -> ca.Function:
-        sx = self._stage_symbols()
-        sx[4] = ca.SX.sym("e", *self.stage.size_in(4))
-        lam = ca.SX.sym("multipliers", self.layout.size)
+        sx, L = self._lagrangian()
         y = ca.vertcat(sx[0], *(sx[1][i] for i in free))
-        L = ca.dot(lam, self.stage(*sx))
-        L_e, L_c = (ca.gradient(L, ca.vec(sx[i])) for i in (4, 3))
-        pulls = ca.Function("pulls", [*sx[:2], lam], [ca.reshape(L_e, *self.stage.size_in(4)), L_c])
-        # the moments vary with w only at second order (eq-contact-hessian): a quadratic form Q for each ramp
-        n_w = self.inputs.size1_out(0)
-        Q = ca.SX.sym("Q", n_w, n_w * self.ramps)
-        forms = [Q[:, i * n_w : (i + 1) * n_w] for i in range(self.ramps)]
-        inputs = ca.horzsplit(self.inputs(*sx[:2])) if self.ramps else []
-        curved = L + sum((0.5 * ca.bilin(W, w, w) for W, w in zip(forms, inputs, strict=True)), ca.SX(0))
-        at_zero = [
-            ca.substitute(f, sx[4], ca.SX.zeros(*sx[4].shape)) for f in (ca.hessian(curved, y)[0], ca.jacobian(L_c, y))
-        ]
-        second = ca.Function("stage_hessian", [*sx[:4], lam, Q], at_zero)
+        L_c = ca.vec(self._pulls()(sx[0], sx[1], sx[3]))
+        second = ca.Function("stage_hessian", sx, [ca.hessian(L, y)[0], ca.jacobian(L_c, y)])
         z, p = self._mx()
-        multipliers = ca.MX.sym("multipliers", self.layout.size)
-        m, c = self._first_stage(z, p)
-        pull_e, pull_c = pulls(z, p, multipliers)
-        forms = []
-        for i, w in enumerate(ca.horzsplit(self.inputs(z, p)) if self.ramp else []):
-            _, times, weights = self.ramp.contacts(w)
-            forms.append(self.ramp.curvature(times, weights, pull_e[:, i]))
-        H, H_c = second(z, p, m, c, multipliers, ca.horzcat(*forms) if forms else ca.MX(n_w, 0))
+        multipliers, gains = ca.MX.sym("multipliers", self.layout.size), self._gains(z, p)
+        c = self._first_stage(z, p, gains)
+        pull_c = self._pulls()(z, p, multipliers)
+        H, H_c = second(z, p, c, multipliers, self._pulled(gains, pull_c))
+        cross = ca.mtimes(H_c.T, self._first_stage_jacobian(z, p, gains, free))
+        H = H + cross + cross.T
+        W = ca.vertsplit(self._input_slopes(free)(z, p), self.inputs.size1_out(0)) if gains else []
+        for i, (slope, (_, _, times, weights)) in enumerate(zip(W, gains, strict=True)):
+            Q = self.ramp.curvature(times, weights, pull_c[:, i])
+            H = H + ca.mtimes(slope.T, ca.mtimes(Q, slope))  # the contact times move with w (eq-contact-hessian)
         if self.layout.parts.remainder_rows:
-            cross = ca.mtimes(H_c.T, self.sampling.jacobian(z, p, free))
-            H = H + cross + cross.T + self.sampling.hessian(free)(z, p, pull_c)
+            H = H + self.sampling.hessian(free)(z, p, ca.vec(pull_c[:, self.ramps :]))
         return ca.Function("hessian", [z, p, multipliers], [H], ["z", "p", "multipliers"], ["H"])

@@ -81,12 +81,12 @@ def make_ramp(harmonics: tuple[int, ...], odd: bool) -> Ramp:
     nodes = np.linspace(0, length, cells + 1)
     E0, E1 = (_basis(H, rows, nodes, d) for d in (0, 1))
     s, ds = ca.mtimes(E0, w), ca.mtimes(E1, w)
+    ends = [s[:-1].T, s[1:].T, ds[:-1].T, ds[1:].T]
+    kinds = _kinds(ends, length / cells)
     cell = _cell(harmonics, rows, length / cells)
-    moments, times, weights = cell.map("cells", "serial", cells, [0], [0])(
-        w, nodes[:-1].reshape(1, -1), s[:-1].T, s[1:].T, ds[:-1].T, ds[1:].T
-    )
-    ends = _antiderivatives(H, np.array([0.0, length]))
-    moments = moments + ca.if_else(s[-1] > 0, 1, 0) * ends[:, 1] - ca.if_else(s[0] > 0, 1, 0) * ends[:, 0]
+    moments, times, weights = cell.map("cells", "serial", cells, [1], [0])(kinds, w, nodes[:-1].reshape(1, -1), *ends)
+    limits = _antiderivatives(H, np.array([0.0, length]))
+    moments = moments + ca.if_else(s[-1] > 0, 1, 0) * limits[:, 1] - ca.if_else(s[0] > 0, 1, 0) * limits[:, 0]
     contacts = ca.Function("contacts", [w], [moments, ca.vec(times), ca.vec(weights)])
     return Ramp(rows, contacts, product_table(H, rows, length), length, harmonics)
 
@@ -142,8 +142,16 @@ def product_table(H: int, rows: np.ndarray, length: float) -> ca.DM:
     return ca.DM.triplet(list(places), list(moments), ca.DM(list(entries.values())), *shape)
 
 
+def _kinds(ends: list[ca.MX], width: float) -> ca.MX:
+    """Return of each cell: 0 idle, 1 one crossing of a monotone piece, 2 an extremum that may touch or cross zero."""
+    s_lo, s_hi, ds_lo, ds_hi = ends
+    near = ca.fmin(ca.fabs(s_lo), ca.fabs(s_hi)) < 2 * width * ca.fmax(ca.fabs(ds_lo), ca.fabs(ds_hi))
+    turns = ca.logic_and(ds_lo * ds_hi < 0, near)
+    return ca.if_else(turns, 2, ca.if_else((s_lo > 0) != (s_hi > 0), 1, 0))
+
+
 def _cell(harmonics: tuple[int, ...], rows: np.ndarray, width: float) -> ca.Function:
-    """Return what one cell of the phase grid adds to the moments, and its contact times with weights.
+    """Return what one cell of the phase grid, of the kind given first, adds to the moments, and its contact times.
 
     Cells without a contact cost nothing; cells with one extremum inside are cut there, so that contacts
     shorter than a cell (grazing) are met as well.
@@ -156,35 +164,26 @@ def _cell(harmonics: tuple[int, ...], rows: np.ndarray, width: float) -> ca.Func
     n_moments = 2 * (2 * H + 1)
     idle = ca.Function("idle", arguments, [ca.SX.zeros(n_moments), ca.SX.zeros(2), ca.SX.zeros(2)])
 
-    secant = lo + width * s_lo / (s_lo - s_hi)
-    m, tau, weight = _contact(harmonics, w, lo, hi, s_lo, s_hi, secant)
-    crossing = ca.Function(
-        "crossing", arguments, [m, ca.vertcat(tau, lo), ca.vertcat(weight, 0)]
-    )  # fmt: skip
+    evaluate, contact = _evaluation(harmonics), _contact(harmonics)
+    m, tau, weight = contact(w, lo, hi, s_lo, s_hi, lo + width * s_lo / (s_lo - s_hi))
+    crossing = ca.Function("crossing", arguments, [m, ca.vertcat(tau, lo), ca.vertcat(weight, 0)])
 
     top = lo + width * ds_lo / (ds_lo - ds_hi)
     for _ in range(NEWTON_STEPS):
-        _, d1, d2 = _evaluate(harmonics, w, top)
+        _, d1, d2 = evaluate(w, top)
         top = ca.fmin(ca.fmax(top - d1 / d2, lo), hi)
-    s_top, _, d2 = _evaluate(harmonics, w, top)
+    s_top, _, d2 = evaluate(w, top)
     reach = ca.sqrt(2 * ca.fabs(s_top / d2))
-    m1, tau1, weight1 = _contact(harmonics, w, lo, top, s_lo, s_top, ca.fmax(top - reach, lo))
-    m2, tau2, weight2 = _contact(harmonics, w, top, hi, s_top, s_hi, ca.fmin(top + reach, hi))
+    m1, tau1, weight1 = contact(w, lo, top, s_lo, s_top, ca.fmax(top - reach, lo))
+    m2, tau2, weight2 = contact(w, top, hi, s_top, s_hi, ca.fmin(top + reach, hi))
     extremum = ca.Function("extremum", arguments, [m1 + m2, ca.vertcat(tau1, tau2), ca.vertcat(weight1, weight2)])
 
-    # 0 idle, 1 one crossing of a monotone piece, 2 an extremum inside that may touch or cross zero
-    inside = ca.logic_and(ds_lo * ds_hi < 0, ca.fmin(ca.fabs(s_lo), ca.fabs(s_hi)) < 2 * width * ca.fmax(
-        ca.fabs(ds_lo), ca.fabs(ds_hi)
-    ))  # fmt: skip
-    case = ca.if_else(inside, 2, ca.if_else((s_lo > 0) != (s_hi > 0), 1, 0))
-    switch = ca.Function.conditional("switch", [idle, crossing], extremum)
-    mx = [ca.MX.sym(f"a{i}", a.shape[0]) for i, a in enumerate(arguments)]
-    select = ca.Function("case", arguments, [case])
-    return ca.Function("cell", mx, list(switch(select(*mx), *mx)))
+    return ca.Function.conditional("cell", [idle, crossing], extremum)
 
 
-def _evaluate(harmonics: tuple[int, ...], w: ca.SX, tau: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return s, s', s'' at tau by rotation from harmonic to harmonic: one sine and one cosine in all."""
+def _evaluation(harmonics: tuple[int, ...]) -> ca.Function:
+    """Return (w, tau) -> s, s', s'', by rotation from harmonic to harmonic: one sine and one cosine in all."""
+    w, tau = ca.SX.sym("w", 1 + len(fourier.rows_of(harmonics))), ca.SX.sym("tau")
     s, d1, d2 = w[0], ca.SX(0), ca.SX(0)
     cosines, sines = _rotations(harmonics[-1], tau)
     place = 1
@@ -195,7 +194,7 @@ def _evaluate(harmonics: tuple[int, ...], w: ca.SX, tau: ca.SX) -> tuple[ca.SX, 
         c = w[place] * cosines[h] + w[place + 1] * sines[h]
         q = w[place + 1] * cosines[h] - w[place] * sines[h]
         s, d1, d2, place = s + c, d1 + h * q, d2 - h * h * c, place + 2
-    return s, d1, d2
+    return ca.Function("evaluate", [w, tau], [s, d1, d2])
 
 
 def _rotations(K: int, tau: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -208,25 +207,28 @@ def _rotations(K: int, tau: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
     return cosines, sines
 
 
-def _contact(
-    harmonics: tuple[int, ...], w: ca.SX, lo: ca.SX, hi: ca.SX, s_lo: ca.SX, s_hi: ca.SX, start: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return moments, contact time and 1/|s'| of the one crossing in [lo, hi], zeros where there is none."""
+def _contact(harmonics: tuple[int, ...]) -> ca.Function:
+    """Return (w, lo, hi, s_lo, s_hi, start) -> moments, time and 1/|s'| of the one crossing in [lo, hi].
+
+    They are zeros where there is none.
+    """
+    w, evaluate = ca.SX.sym("w", 1 + len(fourier.rows_of(harmonics))), _evaluation(harmonics)
+    lo, hi, s_lo, s_hi, start = (ca.SX.sym(n) for n in ("lo", "hi", "s_lo", "s_hi", "start"))
     crosses = (s_lo > 0) != (s_hi > 0)
     rising = s_hi > 0
     tau, a, b = start, lo, hi
     for _ in range(NEWTON_STEPS):  # Newton, kept in its bracket by bisection
-        s, d1, _ = _evaluate(harmonics, w, tau)
+        s, d1, _ = evaluate(w, tau)
         before = (s > 0) != rising
         a, b = ca.if_else(before, tau, a), ca.if_else(before, b, tau)
         step = tau - s / d1
         tau = ca.if_else(ca.logic_and(step >= a, step <= b), step, (a + b) / 2)
-    _, d1, _ = _evaluate(harmonics, w, tau)
+    _, d1, _ = evaluate(w, tau)
     H = harmonics[-1]
     cosines, sines = _rotations(2 * H, tau)
     k = range(1, 2 * H + 1)
     anti = ca.vertcat(tau, *(sines[i] / i for i in k), 0, *(-cosines[i] / i for i in k))
     sign = ca.if_else(crosses, ca.if_else(rising, -1, 1), 0)  # entering contact: minus the antiderivative
-    size = ca.norm_inf(w)
-    weight = ca.if_else(crosses, 1 / ca.fmax(ca.fabs(d1), GRAZING_SLOPE * size), 0)
-    return ca.if_else(crosses, sign * anti, 0), ca.if_else(crosses, tau, lo), weight
+    weight = ca.if_else(crosses, 1 / ca.fmax(ca.fabs(d1), GRAZING_SLOPE * ca.norm_inf(w)), 0)
+    found = [ca.if_else(crosses, sign * anti, 0), ca.if_else(crosses, tau, lo), weight]
+    return ca.Function("contact", [w, lo, hi, s_lo, s_hi, start], found)

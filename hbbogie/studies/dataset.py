@@ -68,6 +68,7 @@ def dataset_of(store: Store) -> xr.Dataset:
         "job": about["job"],
         "job_hash": about["fingerprints"]["job"],
         **{name: json.dumps(about[name]) for name in ("options", "values", "versions")},
+        "changes": json.dumps(about.get("changes", [])),
         "nominal_inputs": json.dumps({n: about["inputs"][n][2] for n in about["parameters"]}),
         "nominal_outputs": json.dumps(nominal),
     }

@@ -110,8 +110,21 @@ def _about(data: xr.Dataset) -> Table:
         ("time per point", f"median {np.nanmedian(seconds):.3g} s, longest {np.nanmax(seconds):.3g} s"),
         ("versions", ", ".join(f"{n} {v}" for n, v in json.loads(a["versions"]).items())),
         ("hash", f"problem {a['problem_hash']}, job {a['job_hash']}"),
+        *_changes(data),
     ]
     return Table("about", "The study", ("what", "value"), tuple(rows), ("", ""))
+
+
+def _changes(data: xr.Dataset) -> list[tuple[str, str]]:
+    """Return what was changed meanwhile, and how many of the points are older than that."""
+    finished = data["finished"].values
+    found = []
+    for change in json.loads(data.attrs.get("changes", "[]")):
+        older = int((finished < change["accepted"]).sum())
+        found.append(
+            (f"changed {change['accepted']}", f"from {'; '.join(change['what'])}; {older} of the points are older")
+        )
+    return found
 
 
 def _summary(data: xr.Dataset, names: Sequence[str]) -> Table:

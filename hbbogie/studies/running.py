@@ -24,6 +24,8 @@ TRIES = 2  # times a point may kill the worker it runs on
 SILENT = 10  # points that may kill their workers as long as none has answered
 DEADLY = f"the worker process died {TRIES} times on this point: out of memory, or a crash in native code"
 EVERY = 0.2  # s between two reports of progress
+EVERY_CLUSTER = 2.0  # s between two looks at the workers of a cluster
+AHEAD = 16  # points in flight on a cluster, at least
 PATIENCE = 0.5  # s; within which Ctrl-C that reached a worker reaches this process
 
 Flying = dict[cf.Future[Outcome], tuple[int, dict[str, float]]]  # points and their values, by what computes them
@@ -34,6 +36,10 @@ class Runner:
 
     def __init__(self, payload: bytes | Task, executor: cf.Executor, window: int):
         self.payload, self.executor, self.window = payload, executor, window
+
+    def room(self) -> int:
+        """Return how many points may be in flight."""
+        return self.window
 
     def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
         """Submit a point."""
@@ -50,6 +56,21 @@ class Runner:
 
     def kill(self) -> None:
         """Drop what is in flight, as far as that can be done."""
+
+
+class _Cluster(Runner):
+    """Submits points to the workers of a Dask scheduler, which come and go."""
+
+    def __init__(self, payload: bytes | Task, client: Any):
+        self.client, self.looked = client, 0.0
+        super().__init__(payload, client.get_executor(), AHEAD)
+
+    def room(self) -> int:
+        """Return how many points may be in flight: several for each thread of the workers there are now."""
+        if time.monotonic() - self.looked > EVERY_CLUSTER:
+            self.window = max(4 * sum(self.client.nthreads().values()), AHEAD)
+            self.looked = time.monotonic()
+        return self.window
 
 
 class _Pool(Runner):
@@ -107,8 +128,12 @@ def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, sch
                 f"no Dask scheduler answers at {scheduler!r} ({error}); start one with: dask scheduler."
             ) from error
         with client:
-            threads = sum(client.nthreads().values())
-            yield Runner(task.packed(by_value=True), client.get_executor(), max(4 * threads, 16))
+            if not client.nthreads():
+                text = (
+                    f"no worker has joined the scheduler yet, waiting for one; start some with: dask worker {scheduler}"
+                )
+                print(text, file=sys.stderr, flush=True)
+            yield _Cluster(task.packed(by_value=True), client)
         return
     if executor is not None:
         window = 4 * int(getattr(executor, "_max_workers", 0) or os.cpu_count() or 1)
@@ -162,12 +187,12 @@ def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: C
     deaths: dict[int, int] = {}
     lost, answered = 0, False
     # the nominal point alone: what is wrong with the job or its options shows there
-    window = 1 if waiting and waiting[0][0] == NOMINAL else runner.window
+    alone = bool(waiting) and waiting[0][0] == NOMINAL
     while waiting or flying or suspects:
         if suspects and not flying:  # one at a time: who kills a worker alone is guilty
             item = suspects.popleft()
             flying[runner.submit(*item)] = item
-        while waiting and not suspects and len(flying) < window:
+        while waiting and not suspects and len(flying) < (1 if alone else runner.room()):
             item = waiting.popleft()
             flying[runner.submit(*item)] = item
         finished, _ = cf.wait(flying, timeout=LOOK, return_when=cf.FIRST_COMPLETED)
@@ -182,7 +207,7 @@ def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: C
                 broken.append(item)
                 loss = error
                 continue
-            answered, window = True, runner.window
+            answered, alone = True, False
             if item[0] == NOMINAL:
                 _refuse(outcome, keep)
             keep.put(outcome)
@@ -190,7 +215,7 @@ def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: C
         if broken:
             broken += flying.values()
             flying.clear()
-            window = runner.window
+            alone = False
             if len(broken) == 1:  # several in flight are all suspects and none guilty
                 deaths[broken[0][0]] = deaths.get(broken[0][0], 0) + 1
             for item in broken:

@@ -82,6 +82,11 @@ def find_study(name_or_path: str | Path) -> Path:
     shipped = shipped_studies()
     if str(name_or_path) in shipped:
         return shipped[str(name_or_path)]
+    if path.suffix or len(path.parts) > 1:
+        raise ModelError(
+            f"no study file {str(path)!r} (looked for {str(path.absolute())!r}); give the path of one, or one of the "
+            f"shipped studies: {', '.join(shipped)}."
+        )
     raise ModelError(
         f"{unknown_name('study', str(name_or_path), shipped)} "
         "These are the shipped ones; or give the path of a study file."

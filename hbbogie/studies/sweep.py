@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures as cf
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -67,7 +68,8 @@ def sweep(
         Whether to compute failed points anew when resuming.
     accept_changes : bool
         Whether to go on though the problem, the job, its options or the points have changed. What was finished at
-        points with the same values is kept.
+        points with the same values is kept; the attribute ``changes`` of the result says what changed and when, and
+        ``finished`` which rows are older.
     executor : concurrent.futures.Executor, optional
         Where to run; it is not shut down. A pool of local processes, each with one BLAS thread, where left out.
     workers : int, optional
@@ -148,7 +150,7 @@ def task_of(
 
 def _opened(task: Task, points: Points, path: str | Path | None, resume: bool, accept: bool) -> Store:
     """Return the store, new or checked against what is asked for."""
-    about = {
+    about: dict[str, Any] = {
         "problem": task.problem.name if isinstance(task.problem, System) else task.problem,
         "job": task.job_name,
         "values": dict(task.values),
@@ -176,6 +178,8 @@ def _opened(task: Task, points: Points, path: str | Path | None, resume: bool, a
             )
         if changes:
             keep.replace_points(points)
+            now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+            about["changes"] = [*keep.about().get("changes", []), {"accepted": now, "what": changes}]
         keep.describe(about)
     except BaseException:
         keep.close()

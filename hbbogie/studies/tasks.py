@@ -27,10 +27,10 @@ import numpy as np
 
 from hbbogie.errors import ModelError
 from hbbogie.problem import load_problem, system_of
+from hbbogie.processes import end_with_parent
 from hbbogie.studies.jobs import JOBS, Outputs, job_function
 from hbbogie.system import System
 
-WATCH = 1.0  # s; how often a worker looks whether the process that started it is still there
 RESERVED = ("point", "seconds", "worker", "finished")  # names of a study's own columns, with "status" and "failed"
 
 
@@ -309,18 +309,6 @@ _stops: list[Any] = []  # in a worker of the local pool: the event at which it b
 
 
 def start_worker(stop: Any) -> None:
-    """Prepare a worker of the local pool.
-
-    Ctrl-C is for the parent, which sets the event ``stop``; a worker ends when its parent does.
-    """
+    """Prepare a worker of the local pool; its parent sets the event ``stop`` at Ctrl-C."""
     _stops.append(stop)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(WATCH)
-        os._exit(1)
-
-    if sys.platform != "win32":  # where a parent's number does not change
-        threading.Thread(target=watch, daemon=True).start()
+    end_with_parent()
