@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import copy
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +20,7 @@ from hbbogie.guesses import Linearisation, hopf_points
 from hbbogie.integration import positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.results import Branch, Orbit
-from hbbogie.settling import last_orbit, settle
+from hbbogie.settling import Settled, last_orbit, settle
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet
 from hbbogie.system import System
@@ -44,8 +47,8 @@ def find_cycles(
 
     Hopf points of the equilibrium are located over an interval of one parameter, the branches that begin
     there are traced, and every crossing of the given value is solved for. Where that finds nothing,
-    motions are simulated from states of several sizes until they settle. Cycles on branches that
-    neither reach a Hopf point in the interval nor attract those motions are not found. The equilibrium is the one at
+    motions are simulated from states of several sizes until they settle, forwards and backwards in time. Cycles on
+    branches that neither reach a Hopf point in the interval nor attract those motions are not found. The equilibrium is the one at
     zero where that is one, else one near by: write the equations about another one to begin there.
 
     Parameters
@@ -244,7 +247,8 @@ def _same(a: Orbit, b: Orbit) -> bool:
 def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     """Let motions from states of several sizes settle, and solve for the cycles they settle on.
 
-    Of a conservative system, whose motions settle at once, these are some cycles of a continuous family.
+    Forwards in time they settle on stable cycles, backwards on those that repel from all sides. Of a conservative
+    system, whose motions settle at once, these are some cycles of a continuous family.
 
     Raises
     ------
@@ -260,15 +264,14 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     longest = max(LONGEST, SLOWEST / float(rates.min(initial=np.inf)))
     mode = vectors[: system.n, 0].real
     mode = mode / np.abs(mode).max(initial=1e-300)
+    starts = [
+        dict(zip(system.coordinate_names, map(float, rest + size * float(equations.scale[0]) * mode), strict=True))
+        for size in STARTS
+    ]
     found: list[Orbit] = []
     open_questions: list[str] = []
     unresolved = False
-    for size in STARTS:
-        q = rest + size * float(equations.scale[0]) * mode
-        try:
-            settled = settle(system, dict(zip(system.coordinate_names, map(float, q), strict=True)), longest=longest)
-        except ConvergenceError:
-            continue  # the motion grows without limit: no cycle there
+    for settled in _settled(system, starts, longest):
         if settled.kind == "undecided":
             open_questions.append(settled.status)
         if settled.kind != "cycle":
@@ -282,6 +285,14 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
                 f"a motion settles on a cycle of period {guess.period:.6g} s that {equations.method} do not resolve "
                 f"(ask for more with harmonics=...): {error}"
             )
+    before = backwards(system)
+    for settled in _settled(before, starts, longest):
+        if settled.kind == "cycle":
+            guess = last_orbit(before, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2)
+            c = guess.coefficients.copy()
+            c[2::2] *= -1  # of the sines
+            with suppress(ConvergenceError):
+                found.append(solve(equations, guess.replace(coefficients=c)))
     if open_questions and not found:
         raise ConvergenceError(
             f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
@@ -289,3 +300,23 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
             statistics={"unresolved": unresolved},  # whether more harmonics might help
         )
     return distinct(found)
+
+
+def _settled(system: System, starts: list[dict[str, float]], longest: float) -> Iterator[Settled]:
+    """Give how motions from several states settle, but for those that grow without limit: there is no cycle there."""
+    for start in starts:
+        with suppress(ConvergenceError):
+            yield settle(system, start, longest=longest)
+
+
+def backwards(system: System) -> System:
+    """Return the system whose motions are those of another backwards in time: rates change their sign."""
+    found = copy.copy(system)
+    found._built = {}
+    q, v, a, f, p = system.residual_with_forces.sx_in()
+    r = system.residual_with_forces(q, -v, a, f, p)
+    found.residual_with_forces = ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
+    found.elements = tuple(
+        replace(e, argument=ca.Function("argument", [q, v, p], [e.argument(q, -v, p)])) for e in system.elements
+    )
+    return found

@@ -9,6 +9,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie import ModelError
+from hbbogie.cycles import backwards
 
 
 class TestHopfPoints:
@@ -180,6 +181,24 @@ class TestFindCycles:
         (cycle,) = hb.find_cycles(hb.load_problem("van_der_pol").van_der_pol(mu=mu), harmonics=H)
         assert cycle.period == pytest.approx(period, rel=1e-10)
         assert cycle.stability.verdict == "stable"
+
+    def test_van_der_pol_backwards_in_time(self):
+        """Where mu < 0 the same cycle repels; its multiplier is the inverse of the PUBLISHED one."""
+        (cycle,) = hb.find_cycles(hb.load_problem("van_der_pol").van_der_pol(mu=-1.0))
+        assert cycle.period == pytest.approx(6.66328685932313019, rel=1e-9)
+        assert cycle.stability.verdict == "unstable"
+        assert cycle.stability.critical.real == pytest.approx(1 / 8.596950636e-4, rel=1e-8)
+
+    def test_backwards_motions_of_a_velocity_dependent_contact(self):
+        """Backwards in time x' has the other sign, in the equation and in the argument of the contact."""
+        x, d = hb.Coordinate("x", "m"), hb.Parameter("d", 0.1, "1/s")
+        stop = hb.Element("stop", hb.DeadBand(0.3, 1.0), x.dot)
+        system = hb.System("stop", [x], [d], [x.ddot + d * x.dot + stop + x], [stop])
+        there = hb.simulate(system, {"x": 1.0}, 5.0)
+        end = {"x": float(there.q[-1, 0]), "x'": -float(there.v[-1, 0])}
+        back = hb.simulate(backwards(system), end, 5.0)
+        assert there.q[-1, 0] != pytest.approx(1.0, rel=0.1)
+        assert back.q[-1, 0] == pytest.approx(1.0, rel=1e-6) and back.v[-1, 0] == pytest.approx(0.0, abs=1e-6)
 
     def test_both_bautin_cycles(self):
         problem = hb.load_problem("bautin")
