@@ -9,7 +9,8 @@ import numpy as np
 
 from hbbogie.continuation import trace
 from hbbogie.critical import Critical
-from hbbogie.cycles import crossings
+from hbbogie.cycles import crossings, default_reach
+from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError
 from hbbogie.guesses import Linearisation, hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -56,35 +57,52 @@ def coexistence(
     Returns
     -------
     list of Coexistence
-        One for each Hopf point whose branch folds on the side on which the equilibrium is stable, below or above.
+        One for each Hopf point whose branch folds on the side on which the equilibrium is stable, below or above; also
+        where the Hopf point is not among the critical values, as it lies beyond those looked at.
     """
-    equations, found = HarmonicBalance(harmonics).equations(system), []
-    folds = [c for c in critical if c.kind == "fold"]
+    equations, folds = HarmonicBalance(harmonics).equations(system), [c for c in critical if c.kind == "fold"]
+    found: list[Coexistence] = []
     for hopf in (c for c in critical if c.kind == "hopf" and folds):
-        name, values = hopf.parameter, [hopf.value, *(f.value for f in folds)]
-        room = 0.1 * (max(values) - min(values)) or 1e-3 * max(abs(hopf.value), 1e-6)
-        bounds = system.parameter(name).bounds
-        span = max(min(values) - room, bounds[0]), min(max(values) + room, bounds[1])
-        try:
-            begins = min(hopf_points(system, name, span), key=lambda h: abs(h.value - hopf.value))
-            branch = trace(equations, begins, name, span, families=False, stability=False)
-        except (ConvergenceError, ValueError):  # no cycle of the kept harmonics begins here
-            continue
-        for special in branch.folds():
-            end = _nearest(folds, special, hopf)
-            if end is None or not _rests(system, name, (end.value, hopf.value)):
-                continue
-            orbits: list[Orbit] = []
-            low, high = sorted((end.value, hopf.value))
-            for value in np.linspace(low, high, points + 2)[1:-1]:
-                at = crossings(equations, branch, float(value))
-                orbits += [min(at, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))] if at else []
-            found.append(Coexistence(name, (low, high), tuple(orbits)))
-            break
+        found += _beside(equations, hopf, folds, points)
+    for fold in folds:  # the Hopf point of its branch may lie beyond the values looked at
+        rests = _rests(system, fold.parameter, (fold.value, fold.value))
+        if rests and not any(fold.value in c.interval for c in found):
+            here = system.with_parameters(**{fold.parameter: fold.value})
+            begins = hopf_points(system, fold.parameter, default_reach(here, fold.parameter))
+            for near in sorted(begins, key=lambda h: abs(h.value - fold.value)):
+                if new := _beside(equations, near, [fold], points):
+                    found += new
+                    break
     return found
 
 
-def _nearest(folds: Sequence[Critical], special: SpecialPoint, hopf: Critical) -> Critical | None:
+def _beside(
+    equations: Equations, hopf: Critical | SpecialPoint, folds: Sequence[Critical], points: int
+) -> list[Coexistence]:
+    """Return the interval in which rest and cycles coexist beside a Hopf point; nothing where they do not."""
+    system, name, values = equations.system, hopf.parameter, [hopf.value, *(f.value for f in folds)]
+    room = 0.1 * (max(values) - min(values)) or 1e-3 * max(abs(hopf.value), 1e-6)
+    bounds = system.parameter(name).bounds
+    span = max(min(values) - room, bounds[0]), min(max(values) + room, bounds[1])
+    try:
+        begins = min(hopf_points(system, name, span), key=lambda h: abs(h.value - hopf.value))
+        branch = trace(equations, begins, name, span, families=False, stability=False)
+    except (ConvergenceError, ValueError):  # no cycle of the kept harmonics begins here
+        return []
+    for special in branch.folds():
+        end = _nearest(folds, special, hopf)
+        if end is None or not _rests(system, name, (end.value, hopf.value)):
+            continue
+        orbits: list[Orbit] = []
+        low, high = sorted((end.value, hopf.value))
+        for value in np.linspace(low, high, points + 2)[1:-1]:
+            at = crossings(equations, branch, float(value))
+            orbits += [min(at, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))] if at else []
+        return [Coexistence(name, (low, high), tuple(orbits))]
+    return []
+
+
+def _nearest(folds: Sequence[Critical], special: SpecialPoint, hopf: Critical | SpecialPoint) -> Critical | None:
     """Return the critical value that is the fold of a branch, where cycles lie on the side of the Hopf point."""
     side = "minimum" if special.value < hopf.value else "maximum"
     near = min(folds, key=lambda f: abs(f.value - special.value))

@@ -48,8 +48,8 @@ def find_cycles(
     Hopf points of the equilibrium are located over an interval of one parameter, the branches that begin
     there are traced, and every crossing of the given value is solved for. Where that finds nothing,
     motions are simulated from states of several sizes until they settle, forwards and backwards in time. Cycles on
-    branches that neither reach a Hopf point in the interval nor attract those motions are not found. The equilibrium is the one at
-    zero where that is one, else one near by: write the equations about another one to begin there.
+    branches that neither reach a Hopf point in the interval nor attract those motions are not found. The equilibrium
+    is the one at zero where that is one, else one near by: write the equations about another one to begin there.
 
     Parameters
     ----------

@@ -37,6 +37,13 @@ def test_no_coexistence_where_rest_is_unstable(bogie):
     assert both.interval == pytest.approx((88.763, 90.974), abs=1e-3)
 
 
+def test_coexistence_up_to_a_hopf_point_beyond_the_interval(bogie):
+    critical = hb.critical_speeds(bogie, "V", (60.0, 89.5), harmonics=15)
+    assert [c.kind for c in critical] == ["fold"]
+    (both,) = coexistence(bogie, critical)
+    assert both.interval == pytest.approx((88.763, 90.974), abs=1e-3) and len(both.thresholds) == 7
+
+
 def test_coexistence_above_the_hopf_point():
     """SOLVER: growth -mu + R - R^2: the fold, a maximum at 1/4, lies above the Hopf point at 0."""
     x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.0)
