@@ -55,6 +55,9 @@ def run(
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Go on though problem, job or points have changed.")
     ] = False,
+    limit: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Longest time for one point, which then has failed.")
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for the report; none without.")
     ] = None,
@@ -82,6 +85,7 @@ def run(
                 store=path,
                 retry_failed=retry_failed,
                 accept_changes=accept_changes,
+                limit=limit,
                 progress=progress,
                 **keywords,
             )

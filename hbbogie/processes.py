@@ -1,4 +1,4 @@
-"""Worker processes: how many, with one thread for linear algebra each, and Ctrl-C while they work."""
+"""Processes that work: how many, with one thread for linear algebra each, Ctrl-C, and limits of time."""
 
 from __future__ import annotations
 
@@ -65,3 +65,33 @@ def interruptions() -> Iterator[Callable[[], int]]:
         yield lambda: len(pressed)
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+class TimeLimit(BaseException):
+    """A limit of time is over; no `Exception`, so that no code on the way takes it for a failure of its own."""
+
+
+@contextmanager
+def limited(seconds: float | None) -> Iterator[Callable[[], bool]]:
+    """Raise `TimeLimit` in what takes longer; give a function that tells whether that has happened.
+
+    It is raised where Python code runs or CasADi looks for interruptions, again each second for code that goes on.
+    Without effect on Windows, and outside the main thread of a process.
+    """
+    here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
+    if seconds is None or not here:
+        yield lambda: False
+        return
+    over: list[int] = []
+
+    def late(number: int, frame: object) -> None:
+        over.append(number)
+        raise TimeLimit
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds, 1.0)
+    try:
+        yield lambda: bool(over)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures as cf
 import functools
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -165,6 +166,15 @@ class TestSweep:
         k = [1.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 2.0]
         data = sweep(folder, "deadlier", {"k": k}, workers=2)
         assert data["failed"].values.tolist() == [v > 3 for v in k]
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such timer")
+    @pytest.mark.parametrize("workers", [0, 2])
+    def test_a_job_that_hangs_is_a_row(self, folder, workers):
+        data = sweep(folder, "hanging", {"k": [1.0, 3.0, 4.0, 3.0, 5.0]}, workers=workers, limit=1.0)
+        assert data["failed"].values.tolist() == [False, True, False, True, False]
+        assert str(data["status"].values[1]) == "the time limit of 1 s for a point is over"
+        with pytest.raises(hb.ModelError, match="limit: got -1"):
+            sweep(folder, "hanging", {"k": [1.0]}, limit=-1)
 
     @pytest.mark.parametrize("workers", [0, 1])
     def test_a_job_that_leaves_is_a_row(self, folder, workers):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hbbogie.curves import Progress, default_interval, silent
 from hbbogie.errors import ModelError
+from hbbogie.integration import positive
 from hbbogie.problem import load_problem
 from hbbogie.studies.dataset import dataset_of, describe_units
 from hbbogie.studies.jobs import JOBS, Outputs, job_function, wrong_option
@@ -36,6 +37,7 @@ def sweep(
     resume: bool = False,
     retry_failed: bool = False,
     accept_changes: bool = False,
+    limit: float | None = None,
     executor: cf.Executor | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -70,6 +72,9 @@ def sweep(
         Whether to go on though the problem, the job, its options or the points have changed. What was finished at
         points with the same values is kept; the attribute ``changes`` of the result says what changed and when, and
         ``finished`` which rows are older.
+    limit : float, optional, s
+        Longest time for one point, which then is a failed row; for points in the main thread of a process, as those of
+        the local pool are, and not on Windows.
     executor : concurrent.futures.Executor, optional
         Where to run; it is not shut down. A pool of local processes, each with one BLAS thread, where left out.
     workers : int, optional
@@ -98,6 +103,8 @@ def sweep(
     """
     chosen = as_points(points)
     task = task_of(job, problem, values, options)
+    if limit is not None:
+        task = replace(task, limit=positive("limit", limit, "s"))
     system, function = task.system(), task.function
     chosen.check(system)
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:

@@ -27,7 +27,7 @@ import numpy as np
 
 from hbbogie.errors import ModelError
 from hbbogie.problem import load_problem, system_of
-from hbbogie.processes import end_with_parent
+from hbbogie.processes import TimeLimit, end_with_parent, limited
 from hbbogie.studies.jobs import JOBS, Outputs, job_function
 from hbbogie.system import System
 
@@ -51,6 +51,8 @@ class Task:
     sources : dict
         Hashes of the code of "problem" and "job" in the process that made the task, where they come from files of the
         user; a worker whose code is another one loads it afresh.
+    limit : float or None, s
+        Longest time for one point.
     """
 
     problem: str | System
@@ -58,6 +60,7 @@ class Task:
     values: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
+    limit: float | None = None
 
     def system(self) -> System:
         """Return the system at the values common to all points."""
@@ -225,10 +228,10 @@ def failure(point: int, reason: str, seconds: float = float("nan"), worker: str 
 
 
 @functools.lru_cache(maxsize=2)
-def _ready(payload: bytes | Task) -> tuple[System, Callable[..., Outputs], dict[str, Any]]:
-    """Return the system, the job and its options: built once in a worker, with all functions built for them."""
+def _ready(payload: bytes | Task) -> tuple[System, Callable[..., Outputs], dict[str, Any], float | None]:
+    """Return the system, the job, its options and the limit of time: built once in a worker, with all functions."""
     task: Task = payload if isinstance(payload, Task) else pickle.loads(payload).current()
-    return task.system(), task.function, dict(task.options)
+    return task.system(), task.function, dict(task.options), task.limit
 
 
 def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) -> Outcome:
@@ -250,10 +253,16 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) ->
     if any(stop.is_set() for stop in _stops):
         raise CancelledError
     start, worker = time.perf_counter(), f"{platform.node()}:{os.getpid()}"
+    limit: float | None = None
+    is_over: Callable[[], bool] = bool
     try:
-        system, job, options = _ready(payload)
-        outputs, status, failed = _checked(job(system.with_parameters(**values), **options), values)
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
+        system, job, options, limit = _ready(payload)
+        with limited(limit) as is_over:
+            outputs, status, failed = _checked(job(system.with_parameters(**values), **options), values)
+    except (Exception, SystemExit, KeyboardInterrupt, TimeLimit) as error:
+        if is_over():
+            reason = f"the time limit of {limit:g} s for a point is over"
+            return failure(point, reason, time.perf_counter() - start, worker)
         inside_casadi = isinstance(error, Exception) and "KeyboardInterrupt" in str(error)
         if (inside_casadi or isinstance(error, KeyboardInterrupt)) and _hears_interrupts():
             raise KeyboardInterrupt from error
