@@ -276,6 +276,8 @@ def critical_speeds(
         For wrong names or values.
     """
     system = system.with_parameters(**values)
+    if harmonics == 0:
+        raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
     lo, hi = check_interval(system, parameter, interval or default_reach(system, parameter))
     # the branch of a fold inside may begin at a Hopf point beyond the end
     around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)

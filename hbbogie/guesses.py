@@ -166,10 +166,14 @@ def hopf_points(
 def check_interval(system: System, parameter: str, interval: tuple[float, float]) -> tuple[float, float]:
     """Return the interval cut to the parameter's bounds; raise `ModelError` when nothing is left of it."""
     low, high = system.parameter(parameter).bounds
-    lo, hi = max(float(interval[0]), low), min(float(interval[1]), high)
+    try:
+        first, last = map(float, interval)
+    except (TypeError, ValueError):
+        raise ModelError(f"interval of {parameter!r}: got {interval!r}; give two numbers (low, high).") from None
+    lo, hi = max(first, low), min(last, high)
     if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):
         raise ModelError(
-            f"interval of {parameter!r}: got ({interval[0]:g}, {interval[1]:g}); give (low, high) with low < high, "
+            f"interval of {parameter!r}: got ({first:g}, {last:g}); give (low, high) with low < high, "
             f"within the parameter's bounds ({low:g}, {high:g})."
         )
     return lo, hi

@@ -117,7 +117,9 @@ def positive(name: str, value: float, unit: str) -> float:
     except (TypeError, ValueError):
         number = float("nan")
     if not (np.isfinite(number) and number > 0):
-        raise ModelError(f"{name}: got {value!r}; give a finite number above 0 in {unit}.")
+        raise ModelError(
+            f"{name}: got {value!r}; give a finite number above 0" + (f" in {unit}." if unit != "1" else ".")
+        )
     return number
 
 

@@ -83,7 +83,7 @@ def floquet(
     check_orbit(system, orbit)
     if not tolerance > 0:
         raise ModelError(f"tolerance: got {tolerance!r}; give a number above 0.")
-    if steps is not None and (int(steps) != steps or steps < 4):
+    if steps is not None and not (isinstance(steps, int | np.integer) and steps >= 4):
         raise ModelError(f"steps: got {steps!r}; give a whole number, 4 or more.")
     halved = _halved(system, orbit, half)
     p = system.vector(**orbit.parameters)
