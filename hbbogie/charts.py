@@ -186,7 +186,8 @@ class _Search:
                     if any(passes(other, fold, value) for other in self.folds):
                         continue
                     p = equations.system.vector(**{name: fold.value})
-                    curve = FoldCurve(equations, self.names, self.span, self.interval, p)
+                    own = equations.phased(fold.orbit)
+                    curve = FoldCurve(own, self.names, self.span, self.interval, p)
                     self.folds.append(both_ways(curve.first(fold.orbit), partial(self._fold_pieces, curve)))
 
     def _hopf_pieces(self, curve: HopfCurve, start: Point) -> list[Followed]:

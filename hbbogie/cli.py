@@ -138,7 +138,10 @@ def simulate(
     ] = None,
     duration: Annotated[float, typer.Option(help="Duration in s.")] = 20.0,
     method: Annotated[str, typer.Option(help="Integration method: rk4 or cvodes.")] = "rk4",
-    step: Annotated[float, typer.Option(help="Distance of the samples in s; of rk4 also the step.")] = 1e-3,
+    step: Annotated[
+        float | None,
+        typer.Option(help="Distance of the samples in s; of rk4 also the step. Without, at most 1 ms."),
+    ] = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,

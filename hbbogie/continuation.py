@@ -101,6 +101,7 @@ def trace(
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
     special = start if isinstance(start, SpecialPoint) else None
     origin = start.orbit if isinstance(start, SpecialPoint) else start
+    equations = equations.phased(origin)
     from_hopf = special is not None and special.kind == "hopf"
     begins = special is not None and (from_hopf or special.onward is not None)
     p = equations.system.vector()

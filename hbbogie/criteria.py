@@ -236,6 +236,7 @@ class Peak:
         cycle = stable_cycle(point, self, value)
         if cycle is None:
             return []
+        equations = equations.phased(cycle)
         z, p = equations.encode(cycle), point.system.vector(**{point.parameter: value})
         signal, slopes = equations.once(("peak", self.of), lambda: _signal(equations, self.of))
         tau = fourier.phases(32 * (cycle.H + 1))

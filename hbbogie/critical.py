@@ -70,6 +70,7 @@ def fold(
     if equations.phase is None:
         raise ModelError("fold: the equations are those of equilibria; ask for at least one harmonic.")
     orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess
+    equations = equations.phased(orbit)
     found = _newton(equations, place, orbit, system.vector(), tolerance)
     if search and not found.converged:
         found = _by_tracing(equations, place, orbit, tolerance) or found

@@ -50,6 +50,7 @@ def critical_hessian(equations: Equations, critical: Critical, names: Sequence[s
 
 
 def _of_fold(equations: Equations, critical: Critical, place: int, places: tuple[int, ...], p: Array) -> Array:
+    equations = equations.phased(critical.orbit)
     m, k = equations.size, len(places)
     z, free = equations.encode(critical.orbit), (place, *places)
     J = equations.derivatives(free)(z, p)[1].full()

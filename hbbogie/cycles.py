@@ -17,7 +17,7 @@ from hbbogie.continuation import trace
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.guesses import Linearisation, hopf_points
-from hbbogie.integration import positive
+from hbbogie.integration import default_step, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.results import Branch, Orbit
 from hbbogie.settling import Settled, last_orbit, settle
@@ -28,8 +28,10 @@ from hbbogie.verification import verify
 
 Array = NDArray[np.float64]
 STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
-LONGEST, SLOWEST = 120.0, 60.0  # simulated at most: so many seconds, or time constants of the slowest mode
+CHUNK, LONGEST = 2e3, 1.2e5  # steps simulated between two looks at the motion, and at most
+SLOWEST = 60.0  # or so many time constants of the slowest mode
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
+NEAR = 0.05  # share by which the frequency of a motion may be off the cycle it has settled on
 SAME = 1e-6  # cycles closer than this, relative to their size, are one
 
 
@@ -217,6 +219,7 @@ def _family(name: str, value: float) -> str:
 
 def _isolated(equations: Equations, orbit: Orbit) -> bool:
     """Tell whether a cycle is the only one near by: whether the Jacobian at fixed parameters is regular."""
+    equations = equations.phased(orbit)
     z, p = equations.encode(orbit), equations.system.vector(**orbit.parameters)
     J = equations.derivatives(())(z, p)[1].full() / equations.residual_scale[:, None] * equations.scale
     sizes = np.linalg.svd(J, compute_uv=False)
@@ -259,11 +262,10 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     system = equations.system
     line = Linearisation(system, parameter)
     value = line.p[line.place]
-    rest, (eigenvalues, vectors) = line.equilibrium(value), line.eigen(value)
-    rates = np.abs(eigenvalues[np.abs(eigenvalues) > 1e-6 * np.abs(eigenvalues).max()])
-    longest = max(LONGEST, SLOWEST / float(rates.min(initial=np.inf)))
+    rest, (_, vectors) = line.equilibrium(value), line.eigen(value)
     mode = vectors[: system.n, 0].real
     mode = mode / np.abs(mode).max(initial=1e-300)
+    moving = max(system.nonlinear_coordinates or system.coordinate_names, key=lambda n: abs(mode[system.index(n)]))
     starts = [
         dict(zip(system.coordinate_names, map(float, rest + size * float(equations.scale[0]) * mode), strict=True))
         for size in STARTS
@@ -271,14 +273,14 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     found: list[Orbit] = []
     open_questions: list[str] = []
     unresolved = False
-    for settled in _settled(system, starts, longest):
+    for settled in _settled(system, starts, moving):
         if settled.kind == "undecided":
             open_questions.append(settled.status)
         if settled.kind != "cycle":
             continue
-        guess = last_orbit(system, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2)
+        guess = last_orbit(system, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2, moving)
         try:
-            found.append(solve(equations, guess))
+            found.append(_near(equations, guess))
         except ConvergenceError as error:
             unresolved = True
             open_questions.append(
@@ -286,13 +288,13 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
                 f"(ask for more with harmonics=...): {error}"
             )
     before = backwards(system)
-    for settled in _settled(before, starts, longest):
+    for settled in _settled(before, starts, moving):
         if settled.kind == "cycle":
-            guess = last_orbit(before, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2)
+            guess = last_orbit(before, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2, moving)
             c = guess.coefficients.copy()
             c[2::2] *= -1  # of the sines
             with suppress(ConvergenceError):
-                found.append(solve(equations, guess.replace(coefficients=c)))
+                found.append(_near(equations, guess.replace(coefficients=c)))
     if open_questions and not found:
         raise ConvergenceError(
             f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
@@ -302,11 +304,29 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     return distinct(found)
 
 
-def _settled(system: System, starts: list[dict[str, float]], longest: float) -> Iterator[Settled]:
+def _near(equations: Equations, guess: Orbit) -> Orbit:
+    """Return the cycle that a motion has settled on; raise `ConvergenceError` where another one is found."""
+    found = solve(equations, guess, method="newton")  # the guess is good, or these harmonics are too few
+    if abs(found.omega / guess.omega - 1) > NEAR:
+        raise ConvergenceError(f"they lead to another period, {found.period:.6g} s", orbit=found)
+    return found
+
+
+def _settled(system: System, starts: list[dict[str, float]], coordinate: str) -> Iterator[Settled]:
     """Give how motions from several states settle, but for those that grow without limit: there is no cycle there."""
+    A = system.ode_jacobian(np.zeros(system.n_states), system.vector()).full()
+    rates = np.abs(np.linalg.eigvals(A))
+    rates = rates[rates > 1e-6 * rates.max(initial=0.0)]
+    # 1 ms is right for motions of about 1 rad/s; slower ones are given as much more time
+    step = max(default_step(system, system.vector()), 1e-3 / float(rates.max())) if len(rates) else 1e-3
+    longest = max(LONGEST * step, SLOWEST / float(rates.min(initial=np.inf)))
     for start in starts:
-        with suppress(ConvergenceError):
-            yield settle(system, start, longest=longest)
+        for h in (step, step / 8):  # what blows up may be the integration only
+            try:
+                yield settle(system, start, coordinate=coordinate, chunk=CHUNK * step, longest=longest, step=h)
+                break
+            except ConvergenceError:
+                continue
 
 
 def backwards(system: System) -> System:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+RESTING = 1e-6  # share of the largest first harmonic up to which a coordinate does not set the phase
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,8 @@ class Equations:
     residual_scale : ndarray, shape (m,), unit of F
     phase : int or None
         Coordinate whose sine coefficient of the first harmonic is zero; None for equilibria.
+    with_phase : callable or None
+        (name of a coordinate, system) -> the equations with the phase set by that one; None where it was chosen.
     built : dict
         Where solvers keep what they build once for these functions.
     """
@@ -74,12 +77,23 @@ class Equations:
     scale: Array
     residual_scale: Array
     phase: int | None
+    with_phase: Callable[[str, System], Equations] | None = None
     built: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def size(self) -> int:
         """Number of unknowns, and of equations."""
         return len(self.unknowns)
+
+    def phased(self, orbit: Orbit) -> Equations:
+        """Return the equations with the phase set by a coordinate that moves in an orbit; these where theirs moves."""
+        if self.phase is None or self.with_phase is None or orbit.H == 0:
+            return self
+        sizes = np.hypot(*orbit.coefficients[1:3])
+        names = self.system.coordinate_names
+        able = [i for i, name in enumerate(names) if f"{name}, cosine of harmonic 1" in self.unknowns]
+        largest = max(able, key=lambda i: float(sizes[i]))
+        return self if sizes[self.phase] > RESTING * sizes[largest] else self.with_phase(names[largest], self.system)
 
     def encode(self, orbit: Orbit) -> Array:
         """Return the unknowns of an orbit, shifted in time to the phase condition, shape (m,).

@@ -19,6 +19,7 @@ Initial = Mapping[str, float] | Orbit | Trajectory
 METHODS = ("rk4", "cvodes")
 # samples in one call of a built function; a longer run calls it again, so that nothing grows with it
 BLOCKS = (500, 100, 20, 4, 1)
+LONGEST_STEP = 1e-3  # s; where none is asked for
 MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the memory of a laptop
 NEWTON_STEPS = 3  # for the time of a jump inside a step, from that of a straight line
 TOO_LARGE = 1e12  # a state beyond this has left every physical model
@@ -30,7 +31,7 @@ def simulate(
     duration: float,
     *,
     method: str = "rk4",
-    step: float = 1e-3,
+    step: float | None = None,
     tolerance: float = 1e-9,
     **parameters: float,
 ) -> Trajectory:
@@ -47,8 +48,8 @@ def simulate(
     method : {"rk4", "cvodes"}
         Classical Runge-Kutta with fixed step, or the variable-step multistep integrator of SUNDIALS.
     step : float, s
-        Distance of the samples; with "rk4" also the step. It is shortened so that the duration is a whole
-        number of steps.
+        Distance of the samples; with "rk4" also the step. Where left out 1 ms, or less where the fastest motion near
+        rest asks for it (`default_step`). It is shortened so that the duration is a whole number of steps.
     tolerance : float
         Relative tolerance of "cvodes"; the absolute tolerance is a thousandth of it.
     **parameters : float
@@ -76,9 +77,10 @@ def simulate(
     """
     if method not in METHODS:
         raise ModelError(unknown_name("integration method", str(method), METHODS))
-    duration, step = positive("duration", duration, "s"), positive("step", step, "s")
-    positive("tolerance", tolerance, "1")
     p = system.vector(**parameters)
+    duration = positive("duration", duration, "s")
+    step = default_step(system, p) if step is None else positive("step", step, "s")
+    positive("tolerance", tolerance, "1")
     start, x = initial_state(system, initial)
     count = max(1, int(np.ceil(duration / step * (1 - 1e-12))))
     if count > MOST_STEPS:
@@ -108,6 +110,20 @@ def simulate(
         dict(merged.values),
         f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
     )
+
+
+def default_step(system: System, p: Array) -> float:
+    """Return the step [s] that follows the fastest motion near rest at parameters p, at most 1 ms.
+
+    A hundredth of the shortest period, and the inverse of the largest eigenvalue, well inside the stability limit of
+    the Runge-Kutta method (2.8 of it).
+    """
+    A = system.ode_jacobian(np.zeros(system.n_states), p).full()
+    if not np.isfinite(A).all():
+        return LONGEST_STEP
+    values = np.abs(np.linalg.eigvals(A)), np.abs(np.linalg.eigvals(A).imag)
+    largest, fastest = (float(v.max(initial=1e-300)) for v in values)
+    return float(min(LONGEST_STEP, 1 / max(largest, 1e-300), 2 * np.pi / (100 * max(fastest, 1e-300))))
 
 
 def positive(name: str, value: float, unit: str) -> float:

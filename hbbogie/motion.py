@@ -34,7 +34,7 @@ def simulated(
     duration: float,
     *,
     method: str = "rk4",
-    step: float = 1e-3,
+    step: float | None = None,
     progress: Progress = silent,
 ) -> Report:
     """Integrate a motion and say what it settles on.

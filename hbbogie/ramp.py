@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.errors import ConvergenceError, ModelError
-from hbbogie.integration import MOST_STEPS, TOO_LARGE, Initial, initial_state, positive, velocities
+from hbbogie.integration import MOST_STEPS, TOO_LARGE, Initial, default_step, initial_state, positive, velocities
 from hbbogie.results import Trajectory
 from hbbogie.system import System
 
@@ -22,7 +22,7 @@ def simulate_ramp(
     *,
     parameter: str,
     rate: float,
-    step: float = 1e-3,
+    step: float | None = None,
     **parameters: float,
 ) -> Trajectory:
     """Integrate the equations of motion while a parameter changes at a constant rate.
@@ -39,7 +39,7 @@ def simulate_ramp(
         Negative to fall; with 0 the motion is that of `simulate`.
     step : float, s
         Of the classical Runge-Kutta method, shortened so that the duration is a whole number of steps. The parameter
-        has its own value at every stage of a step (eq-drift).
+        has its own value at every stage of a step (eq-drift). As by `simulate` where left out.
     **parameters : float
         Parameter values, by name; that of the changing one is the value at t = 0.
 
@@ -55,7 +55,8 @@ def simulate_ramp(
     ConvergenceError
         When the motion blows up.
     """
-    duration, step = positive("duration", duration, "s"), positive("step", step, "s")
+    duration = positive("duration", duration, "s")
+    step = default_step(system, system.vector(**parameters)) if step is None else positive("step", step, "s")
     system = system.with_parameters(**parameters)
     place = system.parameter_names.index(system.parameter(parameter).name)
     system.with_parameters(**{parameter: system.values[parameter] + rate * duration})  # within its bounds

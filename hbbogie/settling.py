@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
-from hbbogie.integration import Initial, positive, simulate
+from hbbogie.integration import Initial, default_step, positive, simulate
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.system import System
 
@@ -52,7 +52,7 @@ def settle(
     chunk: float = 2.0,
     longest: float = 120.0,
     method: str = "rk4",
-    step: float = 1e-3,
+    step: float | None = None,
     **parameters: float,
 ) -> Settled:
     """Integrate until the motion is periodic or at rest, or the time is over.
@@ -99,6 +99,7 @@ def settle(
     names = system.nonlinear_coordinates or system.coordinate_names
     watch = _Watch(system, coordinate if coordinate is not None else names[0], tolerance, parameters)
     chunk, longest = positive("chunk", chunk, "s"), positive("longest", longest, "s")
+    step = default_step(system, system.vector(**parameters)) if step is None else positive("step", step, "s")
     elapsed, state = 0.0, initial
     while True:
         remaining = longest - elapsed
@@ -110,8 +111,10 @@ def settle(
             break
         if watch.seen < 4 * watch.turns:
             chunk *= 2
-    periods = 1 if kind == "cycle" else None
-    amplitudes = {c: piece.amplitude(c, periods) for c in piece.coordinates}
+    if kind == "cycle" and piece.t[-1] - piece.t[0] < 2.5 * watch.period:  # too short to hold a whole one
+        piece = simulate(system, piece, 2.5 * watch.period, method=method, step=step, **parameters)
+    since = piece.t[-1] - watch.period if kind == "cycle" else None
+    amplitudes = {c: piece.amplitude(c, since=since) for c in piece.coordinates}
     omega = 2 * np.pi / watch.period if kind == "cycle" else float("nan")
     hint = "; give a larger `longest`, or a better initial state" if kind == "undecided" else ""
     return Settled(kind, omega, amplitudes, piece, f"{kind} after {elapsed:g} s: {why}{hint}.")
@@ -194,7 +197,7 @@ class _Watch:
         return "undecided", f"successive crossings differ by {scatter:.1g} of the range and {trend}"
 
 
-def last_orbit(system: System, trajectory: Trajectory, H: int) -> Orbit:
+def last_orbit(system: System, trajectory: Trajectory, H: int, coordinate: str | None = None) -> Orbit:
     """Return the last period of a motion as an orbit, by Fourier projection.
 
     Parameters
@@ -204,11 +207,13 @@ def last_orbit(system: System, trajectory: Trajectory, H: int) -> Orbit:
         Settled on a cycle.
     H : int
         Highest harmonic.
+    coordinate : str, optional
+        Whose crossings mark the period; the first nonlinear one where left out.
 
     Returns
     -------
     Orbit
-        With the time origin where the first harmonic of the first nonlinear coordinate has its peak; its
+        With the time origin where the first harmonic of that coordinate has its peak; its
         `residual` is the largest distance between both ends of the period, relative to the range.
 
     Raises
@@ -218,7 +223,7 @@ def last_orbit(system: System, trajectory: Trajectory, H: int) -> Orbit:
     """
     if int(H) != H or H < 1:
         raise ModelError(f"highest harmonic H: got {H!r}; give a whole number, 1 or more.")
-    name = (system.nonlinear_coordinates or system.coordinate_names)[0]
+    name = coordinate or (system.nonlinear_coordinates or system.coordinate_names)[0]
     T, end = trajectory.period(name), trajectory.t[-1]
     samples = max(512, 8 * int(H))
     q = trajectory.at(end - T + T * np.arange(samples + 1) / samples)[0]

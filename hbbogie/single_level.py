@@ -186,6 +186,7 @@ def _fold_block(
     equations: Equations, c: Critical, place: int, places: list[int], p: ca.MX, width: Array, scale: float, name: str
 ) -> tuple[ca.MX, _Block]:
     """Return unknowns (y, multipliers) and equations (F, gradient of the Lagrangian) of a fold, scaled."""
+    equations = equations.phased(c.orbit)
     m, free = equations.size, (place, *places)
     sizes, rows = np.append(equations.scale, scale), equations.residual_scale
     x = ca.MX.sym(name, 2 * m + 1)

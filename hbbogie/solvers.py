@@ -164,6 +164,7 @@ def solve(
     ``solve(balance, guess, V=100.0)``; ``solve(balance, guess, amplitude={"q1": 0.0104}, free="V")``;
     ``solve(balance, guess, free=["V"], minimise=lambda cycle: cycle.parameter("V"))``
     """
+    equations = equations.phased(guess)
     if minimise is not None:
         if amplitude is not None or free is None or method != "auto":
             raise ModelError("solve: minimise= goes with free= and subject_to= only; leave amplitude= and method= out.")

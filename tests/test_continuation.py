@@ -231,8 +231,43 @@ class TestFindCycles:
         with pytest.raises(ModelError, match="'auto'"):
             hb.find_cycles(bogie, harmonics="many", V=90.0)
 
-    def test_too_few_harmonics_earn_no_verdict(self):
-        """At mu = 20 five harmonics are a caricature; the trivial multiplier tells."""
-        (cycle,) = hb.find_cycles(hb.load_problem("van_der_pol").van_der_pol(mu=20.0), harmonics=5)
-        assert cycle.stability.verdict == "unknown"
-        assert cycle.stability.trivial_error > 0.01
+    def test_too_few_harmonics_are_said_to_be_too_few(self):
+        """At mu = 20 five harmonics are a caricature with another period; the trivial multiplier tells, too."""
+        system = hb.load_problem("van_der_pol").van_der_pol(mu=20.0)
+        with pytest.raises(hb.ConvergenceError, match="do not resolve"):
+            hb.find_cycles(system, harmonics=5)
+        guess = hb.last_orbit(system, hb.settle(system, {"x": 1.0}, longest=1e3).trajectory, 5)
+        found = hb.floquet(system, hb.solve(hb.HarmonicBalance(5).equations(system), guess))
+        assert found.verdict == "unknown" and found.trivial_error > 0.01
+
+    @pytest.mark.parametrize("size", [1e-6, 1e6])
+    def test_another_unit_of_length(self, size):
+        """x / size instead of x in van der Pol's equation: the same cycle, backwards in time as well."""
+        x, mu = hb.Coordinate("x"), hb.Parameter("mu", 1.0)
+        system = hb.System("scaled", [x], [mu], [x.ddot - mu * (1 - (x / size) ** 2) * x.dot + x])
+        for value in (1.0, -1.0):
+            (cycle,) = hb.find_cycles(system, mu=value)
+            assert cycle.period == pytest.approx(6.66328685932313019, rel=1e-9)
+            assert cycle.amplitude("x") == pytest.approx(2.00861986087484314 * size, rel=1e-5)
+
+    @pytest.mark.parametrize("rate", [1e-3, 1e3])
+    def test_another_unit_of_time(self, rate):
+        x, mu = hb.Coordinate("x"), hb.Parameter("mu", 1.0)
+        equation = x.ddot - mu * rate * (1 - x**2) * x.dot + rate**2 * x
+        (cycle,) = hb.find_cycles(hb.System("fast", [x], [mu], [equation]))
+        assert cycle.period * rate == pytest.approx(6.66328685932313019, rel=1e-9)
+
+    @pytest.mark.parametrize("order", ["xyz", "zxy"])
+    def test_the_order_of_the_equations_does_not_matter(self, order):
+        """In closed form: rest of z, the first of the coordinates, moves at second order only."""
+        x, y, z = (hb.Coordinate(n) for n in "xyz")
+        mu = hb.Parameter("mu", -0.1)
+        g = mu + (x**2 + y**2) - (x**2 + y**2) ** 2
+        equations = {"x": x.dot - g * x + y, "y": y.dot - g * y - x, "z": z.dot + z + z**3 - x**2}
+        coordinates = {"x": x, "y": y, "z": z}
+        system = hb.System("order", [coordinates[n] for n in order], [mu], [equations[n] for n in order])
+        radii = [((1 - 0.6**0.5) / 2) ** 0.5, ((1 + 0.6**0.5) / 2) ** 0.5]
+        found = hb.find_cycles(system)
+        assert [c.first_harmonic("x") for c in found] == pytest.approx(radii, rel=1e-9)
+        critical = hb.critical_speeds(system, "mu", (-1.0, 1.0))
+        assert [(c.kind, c.value) for c in critical] == [("fold", pytest.approx(-0.25, abs=1e-9)), ("hopf", 0.0)]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -94,7 +95,12 @@ class HarmonicBalance:
         """Return the equations of the system's cycles (of its equilibria for H = 0)."""
         kept = self.kept(system)
         assembly = system.once((self, kept), lambda: Assembly(self.layout(system, kept), system))
-        return make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
+        found = make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
+        return found if self.phase else replace(found, with_phase=partial(_with_phase, self))
+
+
+def _with_phase(method: HarmonicBalance, name: str, system: System) -> Equations:
+    return replace(method, phase=name).equations(system)
 
 
 def _list(harmonics: Sequence[int]) -> str:

@@ -29,7 +29,8 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
         What made them, for people.
     """
     layout, p = assembly.layout, system.vector()
-    size, omega = _amplitude_scale(layout.parts, p), frequency_scale(system, p) if layout.moving else 0.0
+    omega = frequency_scale(system, p)
+    size, omega = _amplitude_scale(layout.parts, p, omega), omega if layout.moving else 0.0
     scale = np.full(layout.size, size)
     lower, upper = -LARGEST * scale, LARGEST * scale
     if layout.phase is not None:
@@ -54,7 +55,7 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
         scale,
         np.r_[np.repeat(rows[list(assembly.R)], layout.waves), means],
         layout.phase,
-        assembly.built,
+        built=assembly.built,
     )
 
 
@@ -73,10 +74,29 @@ def _labels(system: System, layout: Layout, which: Sequence[int], kind: str) -> 
     return (*moving, *means, *(["omega"] if kind == "unknown" and layout.moving else []))
 
 
-def _amplitude_scale(parts: Parts, p: Array) -> float:
-    """Return a typical amplitude: the smallest gap of the contact elements, else 1."""
+def _amplitude_scale(parts: Parts, p: Array, omega: float) -> float:
+    """Return a typical amplitude: the smallest gap of the contact elements, else where a smooth force bends.
+
+    That is the power of ten nearest to the amplitude at which the nonlinear part of an equation is half as large as
+    the linear one, all coordinates moving alike at the frequency omega; 1 where it never is.
+    """
     gaps = [abs(g) for e in parts.contacts if e.ramps for g in e.ramps(p)[3].full().ravel() if g != 0]
-    return float(min(gaps, default=1.0))
+    if gaps or not parts.remainder_rows:
+        return float(min(gaps, default=1.0))
+    n, rows = parts.mass.size1_out(0), list(parts.remainder_rows)
+    M, D, K = (np.abs(f(p).full())[rows].sum(axis=1) for f in (parts.mass, parts.damping, parts.stiffness))
+    linear = M * omega**2 + D * omega + K
+    sizes, turns = np.logspace(-12, 12, 97), np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    A, tau = (x.ravel() for x in np.meshgrid(sizes, turns, indexing="ij"))
+    motion = [np.tile(A * np.cos(tau + k * np.pi / 2) * omega**k, (n, 1)) for k in range(3)]
+    force = np.array(parts.remainder.map(len(A))(*motion, np.tile(p[:, None], len(A)), 0.0))[rows]
+    at_rest = np.array(parts.remainder(*np.zeros((3, n)), p, 0.0))[rows]
+    force = np.abs(force - at_rest).reshape(len(rows), len(sizes), -1).max(axis=2)
+    with np.errstate(invalid="ignore"):
+        bent = (force >= 0.5 * linear[:, None] * sizes).any(axis=0) & np.isfinite(force).all(axis=0)
+    if not bent.any() or bent[0]:
+        return 1.0
+    return float(10.0 ** np.round(np.log10(sizes[np.argmax(bent)])))
 
 
 def _row_scale(parts: Parts, p: Array, omega: float) -> Array:

@@ -139,7 +139,7 @@ class Trajectory:
         """Frequency 2 pi / period of the first coordinate [rad/s]."""
         return 2 * np.pi / self.period()
 
-    def amplitude(self, coordinate: str, periods: int | None = None) -> float:
+    def amplitude(self, coordinate: str, periods: int | None = None, *, since: float | None = None) -> float:
         """Return the largest absolute value of a coordinate [its unit], also between the samples.
 
         Parameters
@@ -147,9 +147,13 @@ class Trajectory:
         coordinate : str
         periods : int
             Look at the last so many periods only; at the whole motion where left out.
+        since : float, s
+            Look at the motion from this time on only.
         """
         i = self.index(coordinate)
-        start = self.t[0] if periods is None else self.t[-1] - periods * self.period(coordinate)
+        start = self.t[0] if since is None else since
+        if periods is not None:
+            start = self.t[-1] - periods * self.period(coordinate)
         k = np.flatnonzero(self.t[1:] > start)
         k = k[np.sign(self.v[k, i]) != np.sign(self.v[k + 1, i])]
         b, c, d = (x[:, i] for x in self._cubic(k))

@@ -69,6 +69,7 @@ def climb(equations: Equations, hopf: SpecialPoint, low: float, below: float = n
     narrow : float, dimensionless
         Width of the amplitude, relative, to which a fold is bracketed.
     """
+    equations = equations.phased(hopf.orbit)
     start = first_cycle(equations, hopf)
     place = equations.system.parameter_names.index(hopf.parameter)
     p = equations.system.vector(**hopf.orbit.parameters)
