@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.curves import Progress, silent, stability_of
-from hbbogie.cycles import branches_from_hopf, crossings, default_reach, distinct
+from hbbogie.cycles import branches_from_hopf, crossings, default_reach
 from hbbogie.equations import Equations
 from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.integration import initial_state, positive
@@ -21,6 +21,7 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import Ends, Place, follow, place_of, states_of, steps_for
 from hbbogie.processes import LOOK, end_with_parent, interruptions, one_thread_each
 from hbbogie.results import Basin, Branch, Orbit
+from hbbogie.settled import distinct
 from hbbogie.system import System
 
 Array = NDArray[np.float64]

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from hbbogie.continuation import trace
-from hbbogie.cycles import ORDERS, crossings, default_reach, distinct, find_cycles, settled_cycles, verified
+from hbbogie.cycles import ORDERS, crossings, default_reach, find_cycles, verified
 from hbbogie.equations import Equations
 from hbbogie.errors import ModelError
 from hbbogie.guesses import check_interval, hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.results import Branch, Orbit, SpecialPoint, Stability
+from hbbogie.settled import distinct, settled_cycles
 from hbbogie.solvers import solve
 from hbbogie.stability import floquet
 from hbbogie.system import System

@@ -9,7 +9,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie import ModelError
-from hbbogie.cycles import backwards
+from hbbogie.settled import backwards
 
 
 class TestHopfPoints:
@@ -206,6 +206,13 @@ class TestFindCycles:
         cycles = hb.find_cycles(system, mu=-0.1)
         np.testing.assert_allclose([c.amplitude("x") for c in cycles], sorted(problem.radii(-0.1)), rtol=1e-9)
         assert [c.stability.verdict for c in cycles] == ["unstable", "stable"]
+
+    @pytest.mark.parametrize("mu", [-1e-4, -3e-5, -1e-6])
+    def test_small_cycles_next_to_the_hopf_point(self, mu):
+        """A cycle of amplitude a answers to a residual with its 1 / (2 a^2): 1e-6 at mu = -1e-6."""
+        problem = hb.load_problem("bautin")
+        cycles = hb.find_cycles(problem.bautin(mu=mu), mu=mu)
+        np.testing.assert_allclose([c.amplitude("x") for c in cycles], sorted(problem.radii(mu)), rtol=1e-5)
 
     @pytest.mark.parametrize("name", ["duffing", "gap_oscillator"])
     def test_a_family_is_not_a_list(self, name):
