@@ -87,10 +87,10 @@ class Equations:
 
     def phased(self, orbit: Orbit) -> Equations:
         """Return the equations with the phase set by a coordinate that moves in an orbit; these where theirs moves."""
-        if self.phase is None or self.with_phase is None or orbit.H == 0:
+        names = self.system.coordinate_names
+        if self.phase is None or self.with_phase is None or orbit.H == 0 or orbit.coordinates != names:
             return self
         sizes = np.hypot(*orbit.coefficients[1:3])
-        names = self.system.coordinate_names
         able = [i for i, name in enumerate(names) if f"{name}, cosine of harmonic 1" in self.unknowns]
         largest = max(able, key=lambda i: float(sizes[i]))
         return self if sizes[self.phase] > RESTING * sizes[largest] else self.with_phase(names[largest], self.system)

@@ -23,7 +23,7 @@ from hbbogie.system import System
 STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
 CHUNK, LONGEST = 2e3, 1.2e5  # steps simulated between two looks at the motion, and at most
 SLOWEST = 60.0  # or so many time constants of the slowest mode
-NEAR = 0.05  # share by which the frequency of a motion may be off the cycle it has settled on
+NEAR = 0.2  # share by which the frequency of a motion may be off the cycle it has settled on
 SAME = 1e-6  # cycles closer than this, relative to their size, are one
 
 
