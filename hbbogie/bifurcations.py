@@ -4,113 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError
+from hbbogie.probe import TRUSTED, Kind, Probe
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.solution_curve import Curve, Point
-from hbbogie.stability import floquet
 from hbbogie.switching import asymmetric, crossing, doubled
-from hbbogie.variation import Waveform
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
-TRUSTED = 1e-2  # largest error of the trivial multiplier with which multipliers are looked at
 MARGIN = 5.0  # a multiplier may be off by so many errors of the trivial one
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle that is not solved to the last digit
 REAL = 1e-6  # imaginary part below which a pair of multipliers counts as real
-SAME = 1e-6  # length of arc within which contacts happen together
+SAME = 1e-6  # length of arc within which contacts happen together, and a point is the special one itself
 FORK = 1e-3  # length of arc within which two pitchforks are one
 TOUCHING = 1e-6  # distance of a contact from its gap, relative to its motion, that counts as none
+FLAT = "; the parameter varies too little along the branch for a smaller interval"
 ZERO = 1e-2  # where a test function is located it has fallen by this much, else it jumps
-
-Kind = str | tuple[str, float]  # "fold", "branching", "flip", "torus"; or a contact, by its name and gap
-
-
-@dataclass(frozen=True, eq=False)
-class Probe:
-    """A point of the curve with its cycle, its stability and its test functions, computed when asked for.
-
-    Attributes
-    ----------
-    curve : Curve
-    point : Point
-    judge : bool
-        Whether multipliers are computed.
-    """
-
-    curve: Curve
-    point: Point
-    judge: bool
-
-    @cached_property
-    def cycle(self) -> Orbit:
-        """The cycle, not judged."""
-        return self.curve.orbit(self.point)
-
-    @cached_property
-    def orbit(self) -> Orbit:
-        """The cycle, with its stability where it is to be judged and can be."""
-        if not self.judge:
-            return self.cycle
-        try:
-            return self.cycle.replace(stability=floquet(self.curve.equations.system, self.cycle))
-        except (ModelError, RuntimeError, np.linalg.LinAlgError):
-            return self.cycle
-
-    @cached_property
-    def multipliers(self) -> tuple[bool, Complex] | None:
-        """Whether those of half a period, and the multipliers, the trivial one last; None where not trusted."""
-        s = self.orbit.stability
-        if s is None or not s.trivial_error <= TRUSTED:
-            return None
-        half = s.half_multipliers is not None
-        m = s.half_multipliers if s.half_multipliers is not None else s.multipliers
-        trivial = int(np.argmin(np.abs(m - 1)))
-        return half, np.append(np.delete(m, trivial), m[trivial])
-
-    def factors(self, kind: str) -> Complex:
-        """Return the factors whose product changes its sign at -1, "flip", or on the circle, "torus"; else none."""
-        known = self.multipliers
-        if known is None:
-            return np.empty(0, dtype=complex)
-        if kind == "flip":
-            return np.asarray(known[1] + 1)
-        return np.array([a * b - 1 for a, b in combinations(known[1][:-1], 2)], dtype=complex)
-
-    def value(self, kind: Kind) -> float:
-        """Return a test function; NaN where it is not known."""
-        if isinstance(kind, tuple):
-            return self.reaches[kind]
-        if kind == "fold":
-            return float(self.point.tangent[-1])
-        if kind == "branching":
-            return self.curve.branching(self.point)
-        factors = self.factors(kind)
-        return float(np.prod(factors).real) if len(factors) else float("nan")
-
-    @cached_property
-    def reaches(self) -> dict[tuple[str, float], float]:
-        """How far each contact reaches beyond each of its gaps, relative to its motion, by name and gap."""
-        orbit, system = self.cycle, self.curve.equations.system
-        names = [e.name for e in system.elements if e.ramps is not None]
-        if not names:
-            return {}
-        wave = Waveform(system, orbit, system.vector(**orbit.parameters))
-        low, high = fourier.extremes(wave.u)
-        span = np.maximum(high - low, np.finfo(float).tiny)
-        return {
-            (name, float(d * g)): float(((high[i] if d > 0 else -low[i]) - g) / span[i])
-            for i, name in enumerate(names)
-            for d, g in zip(wave.directions[i], wave.ramps[i][3], strict=True)
-        }
 
 
 def special_points(
@@ -135,80 +50,120 @@ def special_points(
         In the order of the curve.
     """
     probes = [Probe(curve, point, judge) for point in points]
-    orbits, special = [probes[0].orbit], [*_at(known, 0, probes[0]), *_touching(curve, probes)]
-    for i, (a, b) in enumerate(pairwise(probes)):
-        begins = not {i, i + 1}.isdisjoint(known)
-        found = _between(curve, a, b, judge, begins)
-        orbits += [s.orbit for _, s in found] + [b.orbit]
-        special += [*(s for _, s in found), *_at(known, i + 1, b)]
-    return orbits, tuple(special)
+    arcs: list[float] = np.cumsum([0.0, *(curve.distance(a, b) for a, b in pairwise(points))]).tolist()
+    found = _changes(curve, probes, arcs, known)
+    if judge:
+        explained = [arcs[i] for i in known] + [arc for arc, s in found if s.kind != "grazing"]
+        found += [*_unexplained(curve, probes, arcs, explained), *_touching(curve, probes)]
+    own = {id(probe.orbit) for probe in probes}
+    between = [(arc, s.orbit) for arc, s in found if id(s.orbit) not in own]
+    orbits = sorted([*zip(arcs, (probe.orbit for probe in probes), strict=True), *between], key=lambda o: o[0])
+    special = sorted([*((arcs[i], _at(s, probes[i])) for i, s in known.items()), *found], key=lambda f: f[0])
+    return [orbit for _, orbit in orbits], tuple(s for _, s in special)
 
 
-def _at(known: Mapping[int, SpecialPoint], place: int, probe: Probe) -> list[SpecialPoint]:
-    """Return the special point that is known at a place, with the cycle of the curve where it passes through."""
-    if place not in known:
-        return []
-    through = known[place].kind in ("pitchfork", "branch point")
-    return [replace(known[place], orbit=probe.orbit) if through else known[place]]
+def _at(known: SpecialPoint, probe: Probe) -> SpecialPoint:
+    """Return the special point at which a curve begins, with the cycle of the curve where it passes through."""
+    return replace(known, orbit=probe.orbit) if known.kind in ("pitchfork", "branch point") else known
 
 
-def _touching(curve: Curve, probes: list[Probe]) -> list[SpecialPoint]:
+def _touching(curve: Curve, probes: list[Probe]) -> list[tuple[float, SpecialPoint]]:
     """Return the grazing with which a curve begins, where linear cycles end and a gap closes."""
-    if not probes[0].judge or len(probes) < 2:
+    if len(probes) < 2:
         return []
-    first, second = probes[0].reaches, probes[1].reaches
+    first, second = probes[0].contacts, probes[1].contacts
     contacts = [
-        _Contact(0.0, k, second[k] > 0, probes[0], 0.0) for k in first if abs(first[k]) <= TOUCHING < abs(second[k])
+        _Contact(0.0, k, second[k][1] > 0, probes[0], 0.0)
+        for k in first
+        if abs(first[k][1]) <= TOUCHING < abs(second[k][1])
     ]
-    return [_grazing(curve, contacts)] if contacts else []
+    return [(0.0, _grazing(curve, contacts))] if contacts else []
 
 
-def _between(curve: Curve, a: Probe, b: Probe, judge: bool, begins: bool) -> list[tuple[float, SpecialPoint]]:
-    """Return what happens between two neighbours, with the length of arc from the first, in order.
+def _changes(
+    curve: Curve, probes: list[Probe], arcs: list[float], known: Mapping[int, SpecialPoint]
+) -> list[tuple[float, SpecialPoint]]:
+    """Return where test functions change their sign, with the length of arc.
 
-    Where one of them is the special point at which the curve begins, no further branch is looked for.
+    Next to the special point at which the curve begins no further branch is looked for.
     """
     kinds: list[Kind] = ["fold"]
-    if judge:
-        known = a.multipliers, b.multipliers
-        comparable = known[0] is not None and known[1] is not None and known[0][0] == known[1][0]
-        kinds += [*(["branching"] if not begins else []), *(["flip", "torus"] if comparable else []), *a.reaches]
+    if probes[0].judge:
+        kinds += ["branching", "flip", "torus", *probes[0].contacts]
     found: list[tuple[float, SpecialPoint]] = []
     contacts: list[_Contact] = []
     for kind in kinds:
-        ends = a.value(kind), b.value(kind)
-        smallest = TOUCHING if isinstance(kind, tuple) else VERTICAL if kind == "fold" else 0.0
-        if not ends[0] * ends[1] < 0 or min(map(abs, ends)) <= smallest:
-            continue  # no change, or none to speak of: cycles of a linear or conservative system
-        if (located := _located(curve, a, b, kind, ends)) is None:
+        values = [float("nan") if kind == "branching" and i in known else q.value(kind) for i, q in enumerate(probes)]
+        for i, j in _brackets(probes, values, kind):
+            if (located := _located(curve, probes, values, (i, j), kind)) is None:
+                continue
+            place, at, reach, flat = located
+            arc = arcs[place] + curve.distance(probes[place].point, at.point)
+            if not isinstance(kind, str):
+                contacts.append(_Contact(arc, kind, values[j] > 0, at, reach))
+                continue
+            tangents = probes[i].point.tangent, probes[j].point.tangent
+            if (point := _special(curve, at, kind, tangents, reach)) is not None:
+                found.append((arc, replace(point, status=point.status + FLAT * flat)))
+    forks = sorted((f for f in found if f[1].kind == "pitchfork"), key=lambda f: f[0])
+    for a, b in pairwise(forks):
+        if b[0] - a[0] < FORK:  # seen by the Jacobian and by the multipliers
+            found.remove(max(a, b, key=lambda f: f[1].interval[1] - f[1].interval[0]))
+    return found + [(group[0].length, _grazing(curve, group)) for group in _groups(contacts)]
+
+
+def _brackets(probes: list[Probe], values: list[float], kind: Kind) -> list[tuple[int, int]]:
+    """Return the places between which a test function changes its sign.
+
+    They are neighbours but for points in between where the function is none to speak of: the point itself, or a
+    stretch along which the parameter hardly varies. Where there is no sign to either side there is no change: cycles
+    of a linear or conservative system.
+    """
+    smallest = TOUCHING if isinstance(kind, tuple) else VERTICAL if kind == "fold" else 0.0
+    changes, last = [], -1
+    for i, value in enumerate(values):
+        if np.isnan(value):
+            last = -1
+        elif abs(value) > smallest:
+            if last >= 0 and values[last] * value < 0 and _comparable(probes[last : i + 1], values[last : i + 1], kind):
+                changes.append((last, i))
+            last = i
+    return changes
+
+
+def _comparable(probes: list[Probe], values: list[float], kind: Kind) -> bool:
+    """Tell whether the signs of a test function at the first and the last of some points are to be compared.
+
+    A family of cycles along which the parameter does not vary ends in a small one, where the tangent is round-off:
+    over points with no slope to speak of the parameter must turn back by more than its error.
+    """
+    if kind in ("flip", "torus"):
+        return probes[0].half == probes[-1].half
+    if kind != "fold" or len(probes) == 2:
+        return True
+    y = [float(probe.point.y[-1]) for probe in probes]
+    flattest = y[int(np.argmin(np.abs(values)))]
+    return all((y[k] - flattest) * np.sign(values[-1]) > probes[k].value_error for k in (0, -1))
+
+
+def _unexplained(
+    curve: Curve, probes: list[Probe], arcs: list[float], explained: list[float]
+) -> list[tuple[float, SpecialPoint]]:
+    """Return what says where a change of stability was not located, points without a verdict passed over."""
+    known = [i for i, q in enumerate(probes) if q.orbit.stability and q.orbit.stability.verdict != "unknown"]
+    found = []
+    for i, j in pairwise(known):
+        before, after = (probes[k].orbit.stability for k in (i, j))
+        if before is None or after is None or before.unstable == after.unstable:
             continue
-        at, length, reach = located
-        if not isinstance(kind, str):
-            contacts.append(_Contact(length, kind, ends[1] > 0, at, reach))
-        elif (point := _special(curve, at, kind, (a.point.tangent, b.point.tangent), reach)) is not None:
-            found.append((length, point))
-    for group in _groups(contacts):
-        found.append((group[0].length, _grazing(curve, group)))
-    forks = [f for f in found if f[1].kind == "pitchfork"]
-    if len(forks) == 2 and abs(forks[0][0] - forks[1][0]) < FORK:  # seen by the Jacobian and by the multipliers
-        found.remove(max(forks, key=lambda f: f[1].interval[1] - f[1].interval[0]))
-    if judge and not begins and all(s.kind == "grazing" for _, s in found):
-        found += _unexplained(curve, a, b)
-    return sorted(found, key=lambda f: f[0])
-
-
-def _unexplained(curve: Curve, a: Probe, b: Probe) -> list[tuple[float, SpecialPoint]]:
-    """Return what says that a change of stability between two neighbours was not located, if there is one."""
-    before, after = a.orbit.stability, b.orbit.stability
-    if before is None or after is None or "unknown" in (before.verdict, after.verdict):
-        return []
-    if before.unstable == after.unstable:
-        return []
-    ends = sorted((float(a.point.y[-1]), float(b.point.y[-1])))
-    what = f"unstable directions go from {before.unstable} to {after.unstable} in this interval"
-    status = f"{what}; what happens there was not located: take more harmonics or shorter steps"
-    point = SpecialPoint("not located", curve.parameter, ends[1], (ends[0], ends[1]), b.cycle, status)
-    return [(curve.distance(a.point, b.point), point)]
+        if any(arcs[i] - SAME <= arc <= arcs[j] + SAME for arc in explained):
+            continue
+        values = [float(q.point.y[-1]) for q in probes[i : j + 1]]
+        what = f"unstable directions go from {before.unstable} to {after.unstable} in this interval"
+        status = f"{what}; what happens there was not located: take more harmonics or shorter steps"
+        ends = min(values), max(values)
+        found.append((arcs[j], SpecialPoint("not located", curve.parameter, ends[1], ends, probes[j].orbit, status)))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +171,7 @@ class _Contact:
     """A contact (element, gap) that begins to close, or ceases to, at a length of arc."""
 
     length: float
-    kind: tuple[str, float]
+    kind: tuple[str, int]
     closes: bool
     probe: Probe
     reach: float
@@ -234,27 +189,30 @@ def _groups(contacts: list[_Contact]) -> list[list[_Contact]]:
 
 
 def _located(
-    curve: Curve, a: Probe, b: Probe, kind: Kind, ends: tuple[float, float]
-) -> tuple[Probe, float, float] | None:
+    curve: Curve, probes: list[Probe], values: list[float], change: tuple[int, int], kind: Kind
+) -> tuple[int, Probe, float, bool] | None:
     """Locate a change of sign of a test function.
 
     Returns
     -------
-    probe, length, reach : Probe, float, float
-        The point, its length of arc from a, and by how much the parameter may be off. None where it is a jump, or
-        cannot be followed.
+    place, probe, reach, flat : int, Probe, float, bool
+        The last point before, the point, by how much the parameter may be off, and whether that is because the
+        function is round-off over several points. None where it is a jump, or cannot be followed.
     """
-    probes = {id(a.point): a, id(b.point): b}
+    i, j = change
+    steps = [k for k in range(i, j) if values[k] * values[k + 1] <= 0]
+    ends, a, b = (values[i], values[j]), probes[steps[0]], probes[steps[0] + 1]
+    probes_at = {id(a.point): a, id(b.point): b}
 
     def test(point: Point) -> float:
-        if id(point) not in probes:
-            probes[id(point)] = Probe(curve, point, a.judge)
-        return probes[id(point)].value(kind)
+        if id(point) not in probes_at:
+            probes_at[id(point)] = Probe(curve, point, a.judge)
+        return probes_at[id(point)].value(kind)
 
     found = curve.locate(a.point, b.point, test)
     if found is None:
         return None
-    at, error = probes[id(found[0])], found[1]
+    at, error = probes_at[id(found[0])], found[1]
     if not abs(at.value(kind)) <= max(ZERO * min(map(abs, ends)), 1e-9):
         return None
     if kind == "branching":  # next to a crossing branch a point may be off its own by the root of what is tolerated
@@ -263,12 +221,17 @@ def _located(
         error += float(np.abs(at.point.residual / curve.rows).max()) / abs(curve.branching(at.point))
     if kind in ("flip", "torus") and (stability := at.orbit.stability) is not None:
         others = float(np.prod(np.sort(np.abs(at.factors(str(kind))))[1:]))
-        slope = abs(ends[1] - ends[0]) / curve.distance(a.point, b.point)
+        slope = abs(ends[1] - ends[0]) / curve.distance(probes[i].point, probes[j].point)
         error += others * MARGIN * stability.trivial_error / slope
     # where branches cross the tangent is any in their plane: those of the neighbours tell how the parameter goes
     points = (a.point, b.point) if kind == "branching" else (at.point,)
     along = max(abs(float(point.tangent[-1])) for point in points) * float(curve.scale[-1])
-    return at, curve.distance(a.point, at.point), max(error * along, 1e-12 * abs(float(at.point.y[-1])))
+    value = float(at.point.y[-1])
+    flat = [q.point.y[-1] for q in probes[steps[0] : steps[-1] + 2]] if steps[-1] - steps[0] > 1 else []
+    reach = max([error * along, 1e-12 * abs(value), *(abs(float(y) - value) for y in flat)])
+    if kind == "fold":  # along the branch its value hardly changes, across it does
+        reach = max(reach, at.value_error)
+    return steps[0], at, reach, bool(flat)
 
 
 def _special(curve: Curve, at: Probe, kind: str, tangents: tuple[Array, Array], reach: float) -> SpecialPoint | None:
@@ -314,7 +277,7 @@ def _grazing(curve: Curve, contacts: list[_Contact]) -> SpecialPoint:
     gaps: dict[str, list[str]] = {}
     for c in contacts:
         what = "begins to touch" if c.closes else "touches for the last time"
-        gaps.setdefault(f"{c.kind[0]} {what}", []).append(f"{c.kind[1]:g}")
+        gaps.setdefault(f"{c.kind[0]} {what}", []).append(f"{at.contacts[c.kind][0]:g}")
     status = "; ".join(f"{what} at {' and '.join(levels)}" for what, levels in gaps.items())
     value = float(at.point.y[-1])
     return SpecialPoint("grazing", curve.parameter, value, (value - reach, value + reach), at.orbit, status)

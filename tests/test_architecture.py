@@ -18,7 +18,7 @@ FLOORS = {
     "methods": 4, "solvers": 4, "optimum": 4, "rootfinding": 4, "ramp": 4, "minimax": 4,
     "guesses": 5, "verification": 5, "normal_form": 5, "solution_curve": 5, "switching": 5, "arclength": 5,
     "settled": 5,
-    "bifurcations": 6, "onset": 6, "continuation": 6, "cycles": 6, "hopf_curve": 6, "following": 6,
+    "bifurcations": 6, "onset": 6, "continuation": 6, "cycles": 6, "hopf_curve": 6, "following": 6, "probe": 6,
     "identification": 6, "misfit": 6, "attraction": 6, "outcomes": 6,
     "fold_curve": 7, "critical": 7, "coexistence": 7, "isolated": 7, "critical_report": 7, "plot": 7, "curves": 7,
     "tables": 7, "figures": 7, "motion": 7, "report": 7, "problem": 7, "comparison": 7, "comparison_report": 7,

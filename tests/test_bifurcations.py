@@ -252,6 +252,11 @@ class TestGrazing:
         point = only(branch, "grazing")
         assert point.value == pytest.approx(0.25, rel=1e-9)
         assert point.status == "stop begins to touch at 0.5 and -0.5" or "stop begins to touch at -0.5" in point.status
+        equations = HarmonicBalance(9).equations(system)
+        again = hb.trace(equations, point.orbit, "mu", (0.01, 0.5), longest=0.1)
+        assert only(again, "grazing").value == pytest.approx(0.25, rel=1e-9) and len(again.special) == 1
+        over_the_gap = hb.trace(equations, start, "g", (0.05, 0.6), longest=0.1)  # its radius is 0.2
+        assert only(over_the_gap, "grazing").value == pytest.approx(0.2, rel=1e-9)
 
 
 class TestOnset:
@@ -310,3 +315,90 @@ def test_branch_point_of_coupled_oscillators(H, tolerance):
     branch = hb.trace(HarmonicBalance(H).equations(system), hopf, "mu", (-1.0, 2.0), tolerance=tolerance)
     assert only(branch, "branch point").value == pytest.approx(1.374, abs=0.01)
     assert "not located" not in {s.kind for s in branch.special}
+
+
+def on_a_circle(rate, start: float, mu: float) -> tuple[System, hb.Orbit]:
+    """Cycles r = 1 + e on which mu is a function of s = r^2: the rate of growth is mu minus that."""
+    x, y, m = Coordinate("x"), Coordinate("y"), Parameter("mu", mu)
+    growth = m - rate(x**2 + y**2)
+    system = System("circles", [x, y], [m], [x.dot - x * growth + y, y.dot - y * growth - x])
+    c = np.zeros((3, 2))
+    c[1, 0] = c[2, 1] = np.sqrt(start)
+    return system, hb.Orbit(system.name, ("x", "y"), ("", ""), c, 1.0, {"mu": mu})
+
+
+class TestStartOnASpecialPoint:
+    """A branch is the same wherever one begins to follow it, on its special points as well."""
+
+    def test_fold_in_closed_form(self):
+        """Bautin: mu = r^4 - r^2 is smallest, -1/4, at r^2 = 1/2, the orbit from which the branch is followed."""
+        system = hb.load_problem("bautin").bautin()
+        equations = HarmonicBalance(3).equations(system)
+        first = traced(system, "mu", (-0.3, 0.3), 3)
+        for start in (hb.fold(equations, first.folds()[0], "mu").orbit, first.folds()[0].orbit):
+            again = hb.trace(equations, start, "mu", (-0.3, 0.3))
+            assert [s.kind for s in again.special] == ["fold"]
+            assert again.folds()[0].value == pytest.approx(-0.25, abs=1e-12)
+            assert len({id(o) for o in again.orbits}) == len(again)
+            verdicts = [v for v in again.verdicts if v != "unknown"]
+            assert {verdicts[0], verdicts[-1]} == {"stable", "unstable"}
+
+    def test_bogie(self, balance, branch):
+        """At the fold, and at the grazing of the rear flange; where the linear cycles end there is no fold."""
+        wanted = sorted((s.kind, s.value) for s in branch.special if s.kind != "hopf")
+        for start in (branch.folds()[0], branch.special[2]):
+            again = hb.trace(balance, start.orbit, "V", (60.0, 190.0), stability=start.kind != "fold")
+            if start.kind == "fold":
+                assert [s.value for s in again.special] == pytest.approx([start.value], rel=1e-10)
+                continue
+            found = sorted((s.kind, s.value) for s in again.special)
+            assert [k for k, _ in found] == [k for k, _ in wanted]
+            assert [v for _, v in found] == pytest.approx([v for _, v in wanted], rel=1e-9)
+
+    @pytest.mark.parametrize("kind", ["fold", "Neimark-Sacker", "period doubling"])
+    def test_circuit(self, biased, kind):
+        equations = HarmonicBalance(25).equations(circuit.circuit(**circuit.BIASED))
+        again = hb.trace(equations, only(biased, kind).orbit, "v", (-0.65, -0.5))
+        for s in biased.special:
+            if s.kind != "hopf":
+                assert only(again, s.kind).value == pytest.approx(s.value, rel=1e-9)
+        assert len(again.special) == len(biased.special) - 1
+
+    def test_pitchfork(self, symmetric):
+        """Another branch crosses there, once, and the change of stability is explained by it."""
+        equations = HarmonicBalance(15).equations(circuit.circuit(**circuit.SYMMETRIC))
+        point = only(symmetric, "pitchfork")
+        again = hb.trace(equations, point.orbit, "v", (-0.6, -0.58))
+        assert [s.value for s in again.special if abs(s.value - point.value) < 1e-6] == pytest.approx([point.value])
+        assert "not located" not in {s.kind for s in again.special}
+
+
+class TestFlatStretches:
+    @pytest.mark.parametrize("power", [2, 4, 8])
+    def test_even_powers_turn_back_once(self, power):
+        """mu = (s - 1)^n: the smallest value, 0, at s = 1, with hardly a slope over many points."""
+        system, start = on_a_circle(lambda s: (s - 1) ** power, 1.2, 0.2**power)
+        branch = hb.trace(HarmonicBalance(3).equations(system), start, "mu", (-0.1, 0.1), step=0.01, longest=0.01)
+        (fold,) = branch.special
+        assert fold.kind == "fold" and abs(fold.value) < 1e-13
+        assert fold.interval[0] <= 0 <= fold.interval[1]
+
+    def test_odd_powers_do_not(self):
+        """mu = (s - 1)^9 rises all the way."""
+        system, start = on_a_circle(lambda s: (s - 1) ** 9, 1.2, 0.2**9)
+        branch = hb.trace(HarmonicBalance(3).equations(system), start, "mu", (-0.1, 0.1), step=0.01, longest=0.01)
+        assert branch.special == () and min(branch.values) == pytest.approx(-0.1)
+
+    def test_canard_of_fitzhugh_nagumo(self):
+        """The branch turns at I = 0.3241785 within a canard explosion: unstable cycles on the one side, stable ones on
+        the other, and with enough harmonics one fold between them."""
+        v, w, current = Coordinate("v"), Coordinate("w"), Parameter("I", 0.5)
+        equations = [v.dot - (v - v**3 / 3 - w + current), w.dot - 0.08 * (v + 0.7 - 0.8 * w)]
+        system = System("FitzHugh-Nagumo", [v, w], [current], equations)
+        (hopf,) = hb.hopf_points(system, "I", (0.0, 0.4))
+        branch = hb.trace(HarmonicBalance(100).equations(system), hopf, "I", (0.32, 0.34), stability=False)
+        (fold,) = branch.folds()
+        assert fold.value == pytest.approx(min(branch.values), abs=1e-12)
+        assert fold.value == pytest.approx(0.32417852, abs=1e-7)
+        first, last = branch.orbits[3], branch.orbits[-1]
+        assert hb.floquet(system, first).verdict == "unstable" and hb.floquet(system, last).verdict == "stable"
