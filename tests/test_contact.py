@@ -33,7 +33,7 @@ def test_coefficients_are_those_of_fine_sampling(level):
     """ORDER: sampling converges like N^-2 to the exact integral; at N = 2^17 it is near 1e-9."""
     harmonics = tuple(range(8))
     rows, w = _signal(harmonics, level)
-    exact = _coefficients(make_ramp(harmonics, odd=False), w)
+    exact = _coefficients(make_ramp(harmonics, half=False), w)
     full = np.zeros(15)
     full[rows] = w[1:]
     errors = []
@@ -47,12 +47,12 @@ def test_coefficients_are_those_of_fine_sampling(level):
 def test_half_a_period_is_enough_for_odd_signals():
     harmonics = (1, 3, 5)
     rows, w = _signal(harmonics, 0.5)
-    half = make_ramp(harmonics, odd=True)
+    half = make_ramp(harmonics, half=True)
     mirrored = np.concatenate([w[:1], -w[1:]])
     pair = _coefficients(half, w) - _coefficients(half, mirrored)
     everything = (0, 1, 2, 3, 4, 5)
     full_rows = fourier.rows_of(everything)
-    whole = make_ramp(everything, odd=False)
+    whole = make_ramp(everything, half=False)
     W = np.zeros(12)
     W[0], W[1:][np.isin(full_rows, rows)] = w[0], w[1:]
     mirror = np.concatenate([W[:1], -W[1:]])
@@ -64,7 +64,7 @@ def test_closed_form_of_one_harmonic():
     """First Fourier coefficient of max(Y cos t - g, 0): (Y/pi)(t0 - sin(2 t0)/2), t0 = arccos(g/Y)."""
     Y, g = 1.5, 1.0
     t0 = np.arccos(g / Y)
-    c = _coefficients(make_ramp((0, 1), odd=False), np.array([-g, 0.0, Y, 0.0]))
+    c = _coefficients(make_ramp((0, 1), half=False), np.array([-g, 0.0, Y, 0.0]))
     assert c[1] == pytest.approx(Y / np.pi * (t0 - np.sin(2 * t0) / 2), rel=1e-14)
     assert c[0] == pytest.approx((Y * np.sin(t0) - g * t0) / np.pi, rel=1e-13)
     assert abs(c[2]) < 1e-15
@@ -72,7 +72,7 @@ def test_closed_form_of_one_harmonic():
 
 def test_grazing_contacts_shorter_than_a_grid_cell_are_met():
     """A contact of height d lasts 2 sqrt(2 d); its area, to leading order, is (4/3) d sqrt(2 d)."""
-    ramp = make_ramp((1,), odd=True)
+    ramp = make_ramp((1,), half=True)
     for d in (1e-4, 1e-6):
         w = np.array([-(1 - d), np.cos(1.0), np.sin(1.0)])  # peak at tau = 1
         _, times, weights = ramp.contacts(w)
@@ -83,7 +83,7 @@ def test_grazing_contacts_shorter_than_a_grid_cell_are_met():
 
 
 def test_no_contact_gives_exactly_nothing_and_full_contact_the_signal():
-    ramp = make_ramp((0, 1, 2), odd=False)
+    ramp = make_ramp((0, 1, 2), half=False)
     w = np.array([-10.0, 0.0, 1.0, 0.5, 0.1, -0.2])
     assert not _coefficients(ramp, w).any()
     w[0] = 10.0
@@ -94,7 +94,7 @@ def test_second_derivative_counts_the_moving_contact_times():
     """Curvature against the change of the gain matrix, whose entries are the first derivatives."""
     harmonics = (0, 1, 2, 3)
     _, w = _signal(harmonics, 0.4)
-    ramp = make_ramp(harmonics, odd=False)
+    ramp = make_ramp(harmonics, half=False)
     lam = RNG.standard_normal(7)
     sym = ca.MX.sym("w", 8)
     _, times, weights = ramp.contacts(sym)

@@ -277,3 +277,68 @@ def test_odd_harmonics_cannot_be_forced_on_a_system_that_is_not_odd():
     assert hb.HarmonicBalance(5, odd=True).kept(system) == (1, 3, 5)
     with pytest.raises(ModelError, match="not odd at its parameter values"):
         hb.HarmonicBalance(5, odd=True).equations(system.with_parameters(e=0.1))
+
+
+class TestOddAtThePresentValuesOnly:
+    """Odd harmonics of a system that parameters e, c and b may make lopsided: their derivatives count all of it."""
+
+    def _system(self):
+        x, y = hb.Coordinate("x"), hb.Coordinate("y")
+        names = {"mu": -0.2, "e": 0.0, "c": 0.0, "b": 0.0, "k": 4.0, "g": 0.5}
+        P = {name: hb.Parameter(name, value) for name, value in names.items()}
+        stop = hb.Element("stop", hb.DeadBand(P["k"], P["g"]), x + 0.2 * x.dot - P["c"])
+        table = hb.Element("table", hb.Tabulated((-2, -1, 1, 2), (-1, 0, 0, 1)), x + P["c"])
+        limit = hb.Element("limit", hb.Saturation(2.0, P["g"]), y - x - P["b"])
+        drift = (P["mu"] + x**2 - x**4) * x.dot
+        forces = stop + table - limit + P["e"] * x**2 + P["b"]
+        equations = [x.ddot - drift + x + 0.3 * x**3 + forces, y.ddot + 0.3 * y.dot + 2 * y + limit + P["e"] * x.dot**2]
+        return hb.System("nearly odd", [x, y], list(P.values()), equations, [stop, table, limit])
+
+    @pytest.mark.parametrize("contact", [True, False])
+    def test_derivatives_are_those_of_all_harmonics_projected(self, contact):
+        """IDENTITY: at an odd motion the odd rows and columns of the full equations, in every parameter."""
+        system = self._system()
+        assert not system.odd
+        odd, full = (hb.HarmonicBalance(5, odd=o, contact=contact).equations(system) for o in (True, False))
+        z, p = _point(odd)
+        c, omega = odd.coefficients(z, p).full(), float(odd.frequency(z))
+        Z = full.from_coefficients(c, omega)
+        places, rows = ([full.__dict__[k].index(n) for n in odd.__dict__[k]] for k in ("unknowns", "rows"))
+        np.testing.assert_allclose(Z[places], z, rtol=1e-14)
+        free, m, M = tuple(range(len(p))), odd.size, full.size
+        columns = [*places, *range(M, M + len(p))]
+        (F, J), (F_all, J_all) = ([a.full() for a in q.derivatives(free)(v, p)] for q, v in ((odd, z), (full, Z)))
+        np.testing.assert_allclose(F, F_all[rows], atol=1e-11)
+        np.testing.assert_allclose(J, J_all[np.ix_(rows, columns)], atol=1e-10)
+        weights = np.zeros(M)
+        weights[rows] = lam = np.random.default_rng(2).standard_normal(m)
+        slopes = odd.sensitivity()(z, p, lam).full()
+        np.testing.assert_allclose(slopes, full.sensitivity()(Z, p, weights).full(), atol=1e-10)
+        np.testing.assert_allclose(slopes.ravel(), lam @ J[:, m:], atol=1e-10)
+        H, H_all = odd.hessian(free)(z, p, lam).full(), full.hessian(free)(Z, p, weights).full()
+        np.testing.assert_allclose(H, H_all[np.ix_(columns, columns)], atol=1e-9 * np.abs(H_all).max())
+
+    @pytest.mark.parametrize("contact", [True, False])
+    def test_full_equations_by_finite_differences(self, contact):
+        """ORDER: the sensitivity of the odd harmonics against central differences of the full residual."""
+        system = self._system()
+        odd, full = (hb.HarmonicBalance(5, odd=o, contact=contact).equations(system) for o in (True, False))
+        z, p = _point(odd)
+        Z = full.from_coefficients(odd.coefficients(z, p).full(), float(odd.frequency(z)))
+        lam = np.random.default_rng(3).standard_normal(odd.size)
+        rows, h = [full.rows.index(n) for n in odd.rows], 1e-6
+        steps = h * np.eye(len(p))
+        sides = [[full.residual(Z, p + side * step).full()[rows, 0] for step in steps] for side in (1, -1)]
+        differences = (np.array(sides[0]) - np.array(sides[1])) @ lam / (2 * h)
+        np.testing.assert_allclose(odd.sensitivity()(z, p, lam).full().ravel(), differences, atol=1e-7)
+
+    @pytest.mark.parametrize("odd", [True, None])
+    def test_gradient_of_a_fold_is_even_in_what_breaks_the_symmetry(self, odd):
+        """x -> -x takes e to -e, so that the fold has the same value at both: the slope in e is 0."""
+        x, mu, e = hb.Coordinate("x"), hb.Parameter("mu", -0.2), hb.Parameter("e", 0.0)
+        drift = (mu + x**2 - x**4) * x.dot
+        system = hb.System("s", [x], [mu, e], [x.ddot - drift + x + 0.3 * x**3 + e * x**2])
+        equations = hb.HarmonicBalance(9, odd=odd).equations(system)
+        (hopf,) = hb.hopf_points(system, "mu", (-1.0, 1.0))
+        start = hb.trace(equations, hopf, "mu", (-1.0, 1.0), stability=False).folds()[0]
+        assert hb.fold(equations, start, "mu").gradient["e"] == pytest.approx(0.0, abs=1e-12)

@@ -59,7 +59,7 @@ class Assembly:
         self.C = tuple(i for i in range(layout.n) if i not in layout.S)
         self.R, self.E = choose_rows(system, parts, self.C)
         exact = parts.contacts and layout.moving and not force
-        self.ramp: Any = make_ramp(layout.kept, layout.odd) if exact else None
+        self.ramp: Any = make_ramp(layout.kept, layout.half) if exact else None
         self.ramps = sum(len(e.directions) for e in parts.contacts) if self.ramp else 0
         self._build_stage()
         z, p = self._mx()
@@ -158,10 +158,10 @@ class Assembly:
         layout = self.layout
         offset, stiffness, _, _ = element.ramps(p)
         force = stiffness * u
-        if layout.odd:  # over the half period that stands for the whole, a constant is not free of harmonics
+        if layout.half:  # over the half period that stands for the whole, a constant is not free of harmonics
             for k, h in enumerate(layout.moving):
                 force[2 * k + 1] += (offset + stiffness * self._rest(element, p)) * 4 / (np.pi * h)
-        else:
+        elif not layout.odd:
             force[0] += offset
         for place, (w, k) in ramps:
             force += k * (c[:, place] if self.ramp else ca.fmax(w[0] + w[1], 0))

@@ -26,8 +26,8 @@ GRAZING_SLOPE = 1e-7  # smallest |s'| in units of the largest coefficient: the s
 class Ramp:
     """What it takes to integrate ``max(s, 0)`` exactly, for s with the given harmonics.
 
-    ``s`` is kept as w, shape (1 + rows,): a constant, then the coefficients on `rows`. Where the basis is
-    odd, half a period is enough: the result is what one ramp of an odd pair contributes.
+    ``s`` is kept as w, shape (1 + rows,): a constant, then the coefficients on `rows`. Over half a period the
+    result is what one ramp of an odd pair contributes.
 
     Attributes
     ----------
@@ -63,19 +63,19 @@ class Ramp:
         return ca.mtimes(basis.T, ca.repmat(weight, 1, basis.shape[1]) * basis)
 
 
-def make_ramp(harmonics: tuple[int, ...], odd: bool) -> Ramp:
+def make_ramp(harmonics: tuple[int, ...], half: bool) -> Ramp:
     """Build the functions for a set of harmonics (0 among them unless ``odd``).
 
     Parameters
     ----------
     harmonics : tuple of int
         The harmonics kept, in increasing order.
-    odd : bool
-        Whether s plus its constant is an odd-harmonic signal: then half a period is enough.
+    half : bool
+        Whether to integrate over half a period, which is enough for pairs of ramps of odd-harmonic signals.
     """
     H = harmonics[-1]
-    cells = max(32, 4 * H) if odd else max(64, 8 * H)  # four per wave of the highest harmonic, at least
-    length = np.pi if odd else 2 * np.pi
+    cells = max(32, 4 * H) if half else max(64, 8 * H)  # four per wave of the highest harmonic, at least
+    length = np.pi if half else 2 * np.pi
     rows = fourier.rows_of(harmonics)
     w = ca.MX.sym("w", 1 + len(rows))
     nodes = np.linspace(0, length, cells + 1)

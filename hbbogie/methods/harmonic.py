@@ -30,7 +30,8 @@ class HarmonicBalance:
         free of aliasing for polynomial forces up to degree 15, and so is half of it up to degree 7.
     odd : bool, optional
         Keep the odd harmonics only. By default where the system is proved to be odd, for all parameter values;
-        True asks for it where it is odd at the present ones.
+        True asks for it where it is odd at the present ones. Derivatives in the other parameters hold there, too; at
+        values that break the symmetry the equations are no longer those of its cycles.
     condense : bool
         Eliminate the coordinates that enter linearly, harmonic by harmonic (eq-condensation).
     contact : bool

@@ -36,6 +36,8 @@ class Layout:
         Coordinate whose sine coefficient of harmonic 1 is zero and no unknown; None for equilibria.
     samples : int
         Samples per period of the sampled forces.
+    half : bool
+        Whether half a period stands for the whole: of odd harmonics, where the system is odd for all parameter values.
     parts : Parts
         The system, taken apart.
     """
@@ -46,6 +48,7 @@ class Layout:
     S: tuple[int, ...]
     phase: int | None
     samples: int
+    half: bool
     parts: Parts
 
     @property
@@ -139,4 +142,4 @@ def make_layout(
                 f"phase={phase!r} enters linearly and is condensed out; choose among "
                 f"{', '.join(system.coordinate_names[i] for i in S)}, or set condense=False."
             )
-    return Layout(system.n, kept, H, S, place, samples, parts)
+    return Layout(system.n, kept, H, S, place, samples, kept[0] != 0 and system.odd, parts)

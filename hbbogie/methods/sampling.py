@@ -33,7 +33,7 @@ class Sampling:
         layout = self.layout
         X, mean, omega = layout.unpack(z)
         N = layout.samples if layout.moving else 1
-        tau = fourier.phases(N)[: N // 2 if layout.odd else N]  # an odd force repeats itself with the other sign
+        tau = fourier.phases(N)[: N // 2 if layout.half else N]  # an odd force repeats itself with the other sign
         states = []
         for d in range(3):
             x = ca.MX.zeros(layout.n, len(tau))
@@ -79,7 +79,7 @@ class Sampling:
         slopes += [ca.jacobian(r, sx[3])[:, list(free)], ca.jacobian(r, sx[4])]
         f = ca.Function("slopes", sx, [ca.densify(ca.vec(s)) for s in slopes])
         values = f.map("slopes", "serial", len(tau), [3, 4], [])(*states, p, dt)
-        kept, length = fourier.rows_of(layout.kept), np.pi if layout.odd else 2 * np.pi
+        kept, length = fourier.rows_of(layout.kept), np.pi if layout.half else 2 * np.pi
         table = product_table(layout.H, kept, length)
         moments = ca.DM(_moments(layout.H, tau, length))
         D = fourier.derivative(np.eye(2 * layout.H + 1))[
