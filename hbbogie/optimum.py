@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import casadi as ca
@@ -21,20 +22,13 @@ REACH, SMALLEST, BOXES = 0.2, 1e-4, 60  # how far one solution may go, in units 
 ACTIVE = 1e-6  # multiplier, scaled, from which a limit counts as active
 SAMPLES = 64  # per period
 SOLVER: dict[str, Any] = {
-    "print_time": False,
-    "calc_lam_p": False,
+    "print_time": False, "calc_lam_p": False,
     "ipopt": {
-        "print_level": 0,
-        "sb": "yes",
-        "max_iter": 500,
-        "tol": 1e-10,
-        "constr_viol_tol": 1e-10,
-        "mu_init": 1e-3,
-        "bound_push": 1e-8,
-        "bound_frac": 1e-8,
+        "print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-10, "constr_viol_tol": 1e-10,
+        "mu_init": 1e-3, "bound_push": 1e-8, "bound_frac": 1e-8,
         "nlp_scaling_method": "none",  # the problem is scaled already
     },
-}
+}  # fmt: skip
 
 
 class Cycle:
@@ -182,8 +176,7 @@ def minimise(
     name, not a new lambda in every turn of a loop.
     """
     system = equations.system
-    if not free:
-        raise ModelError("minimise: free names no parameter; a cycle at given parameters is what solve finds without.")
+    _check(free, objective, subject_to, fixed)
     places = tuple(system.parameter_names.index(system.parameter(name).name) for name in free)
     p = system.vector(**fixed)
     for i in places:
@@ -221,16 +214,38 @@ def minimise(
     slopes = df[0, m:] + equations.sensitivity()(y[:m], p, weights[0]).full().ravel()
     slopes = slopes + (weights[1] @ dg[:, m:] if len(rows) else 0.0)
     gradient = {n: float(slopes[i]) for i, n in enumerate(system.parameter_names) if i not in places}
-    parts, scaled = (_by_limit(values, program.sizes) for values in (weights[1], lam_g[m:]))
+    last = np.cumsum(program.sizes, dtype=int)  # beyond each limit
+    parts, scaled = (np.split(values, last)[:-1] for values in (weights[1], lam_g[m:]))
     held = [f"limit {i + 1}" for i, part in enumerate(scaled) if np.abs(part).max() > ACTIVE]
     labels = (*equations.unknowns, *free)
     held += [f"bound of {name}" for name, value in zip(labels, lam_x, strict=True) if abs(value) > ACTIVE]
     return Optimum(orbit, float(f[0, 0]), gradient, tuple(parts), tuple(held), residual, count, done)
 
 
-def _by_limit(values: Array, sizes: Sequence[int]) -> list[Array]:
-    """Return the entries of the limits, one array for each."""
-    return np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
+def _check(free: Sequence[str], objective: Any, subject_to: Any, fixed: Mapping[str, float]) -> None:
+    """Raise `ModelError` where an argument of `minimise` is none."""
+    if not free:
+        raise ModelError("minimise: free names no parameter; a cycle at given parameters is what solve finds without.")
+    if twice := [name for name in free if list(free).count(name) > 1 or name in fixed]:
+        raise ModelError(f"minimise: parameter {twice[0]!r} is named twice among free and fixed ones; leave one out.")
+    example = "lambda cycle: cycle.parameter('V')"
+    if not callable(objective):
+        raise ModelError(f"minimise: the objective is {objective!r}; give a function of the cycle, such as {example}.")
+    for i, limit in enumerate(subject_to if isinstance(subject_to, Sequence) else [subject_to]):
+        whole = isinstance(limit, Sequence) and len(limit) == 3 and callable(limit[0])
+        if not whole or not all(side is None or isinstance(side, Real) for side in limit[1:]):
+            raise ModelError(
+                f"subject_to: limit {i + 1} is {limit!r}; give ({example}, lower, upper), None for no limit."
+            )
+
+
+def _expression(function: Quantity, cycle: Cycle) -> ca.MX:
+    """Return what an objective or limit says of a cycle; raise `ModelError` when it is no expression."""
+    value: Any = function(cycle)
+    try:
+        return ca.MX(value)
+    except NotImplementedError:
+        raise ModelError(f"minimise: a function returned {value!r}; return an expression of the cycle.") from None
 
 
 def _search(
@@ -292,7 +307,7 @@ def _build(equations: Equations, free: tuple[int, ...], functions: Sequence[Quan
     m, n_p, n_y = equations.size, equations.residual.size1_in(1), equations.size + len(free)
     z, p = ca.MX.sym("z", m), ca.MX.sym("p", n_p)
     cycle = Cycle(equations, z, p)
-    f, limits = ca.MX(functions[0](cycle)), [ca.MX(function(cycle)) for function in functions[1:]]
+    f, *limits = (_expression(function, cycle) for function in functions)
     if not f.is_scalar():
         raise ModelError(f"minimise: the objective has shape {f.shape}; it must be one number.")
     g = ca.vertcat(*(ca.vec(limit) for limit in limits)) if limits else ca.MX(0, 1)
