@@ -81,15 +81,23 @@ class Saturation(PiecewiseLinear):
     Parameters
     ----------
     stiffness : scalar, unit of force per unit of the argument
+        Not 0: then the limit is never reached.
     limit : scalar, unit of force
     """
 
     stiffness: Scalar
     limit: Scalar
 
+    def __post_init__(self) -> None:
+        if isinstance(self.stiffness, float | int) and self.stiffness == 0:
+            raise ModelError(
+                "Saturation: stiffness is 0, so that the law is no force and its limit is never reached; give another "
+                "stiffness, or leave the element out."
+            )
+
     def ramps(self) -> Ramps:
         """Return the spring and the two ramps that cancel it beyond the limit."""
-        reach = self.limit / self.stiffness
+        reach = self.limit / ca.fabs(self.stiffness)
         return Ramps(
             ((1, -self.stiffness, reach), (-1, -self.stiffness, reach)),
             stiffness=self.stiffness,

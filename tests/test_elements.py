@@ -21,6 +21,16 @@ def test_saturation():
     assert _force(hb.Saturation(2.0, 1.0), (-3, -0.25, 0.5, 9)) == [-1, -0.5, 1, 1]
 
 
+def test_saturation_of_a_falling_line():
+    assert _force(hb.Saturation(-2.0, 1.0), (-3, -0.25, 0.5, 9)) == [1, 0.5, -1, -1]
+
+
+@pytest.mark.parametrize("stiffness", [0, 0.0])
+def test_saturation_without_stiffness_is_refused(stiffness):
+    with pytest.raises(hb.ModelError, match="its limit is never reached"):
+        hb.Saturation(stiffness, 1.0)
+
+
 def test_tabulated_goes_through_its_points_and_on():
     law = hb.Tabulated((-1.0, 0.0, 2.0), (-3.0, 0.0, 1.0))
     np.testing.assert_allclose(_force(law, (-2, -1, 0, 1, 2, 4)), [-6, -3, 0, 0.5, 1, 2])

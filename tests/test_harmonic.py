@@ -279,6 +279,16 @@ def test_odd_harmonics_cannot_be_forced_on_a_system_that_is_not_odd():
         hb.HarmonicBalance(5, odd=True).equations(system.with_parameters(e=0.1))
 
 
+def test_a_gap_at_infinity_is_named():
+    x, k = hb.Coordinate("x"), hb.Parameter("k", 0.0)
+    limit = hb.Element("limit", hb.Saturation(k, 1.0), x)
+    system = hb.System("s", [x], [k], [x.ddot - (1 - x**2) * x.dot + x + limit], [limit])
+    with pytest.raises(ModelError, match=r"'limit' \(Saturation\): its gaps are inf"):
+        hb.find_cycles(system)
+    (cycle,) = hb.find_cycles(system, k=1.0)
+    assert cycle.stability.verdict == "stable"
+
+
 class TestOddAtThePresentValuesOnly:
     """Odd harmonics of a system that parameters e, c and b may make lopsided: their derivatives count all of it."""
 

@@ -94,6 +94,7 @@ class HarmonicBalance:
 
     def equations(self, system: System) -> Equations:
         """Return the equations of the system's cycles (of its equilibria for H = 0)."""
+        _check_gaps(system)
         kept = self.kept(system)
         assembly = system.once((self, kept), lambda: Assembly(self.layout(system, kept), system))
         found = make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
@@ -102,6 +103,18 @@ class HarmonicBalance:
 
 def _with_phase(method: HarmonicBalance, name: str, system: System) -> Equations:
     return replace(method, phase=name).equations(system)
+
+
+def _check_gaps(system: System) -> None:
+    """Raise `ModelError` where an element has a gap that is not finite at the system's parameter values."""
+    for element in system.elements:
+        gaps = np.empty(0) if element.ramps is None else element.ramps(system.vector())[3].full().ravel()
+        if not np.isfinite(gaps).all():
+            raise ModelError(
+                f"element {element.name!r} ({element.law}): its gaps are {', '.join(f'{g:g}' for g in gaps)} at these "
+                "parameter values, as those of a Saturation with stiffness 0, which never reaches its limit; give "
+                "values at which they are finite, or leave the element out."
+            )
 
 
 def _list(harmonics: Sequence[int]) -> str:
