@@ -32,7 +32,7 @@ def onset(hopf: SpecialPoint, system: System, points: list[Point]) -> SpecialPoi
         below = coefficient > 0
         why = f"first Lyapunov coefficient {coefficient:.4g}"
     else:
-        first, second = (float(point.y[-1]) for point in points[:2])
+        first, second = float(points[0].y[-1]), float(points[min(1, len(points) - 1)].y[-1])
         if abs(second - first) <= VERTICAL * max(1.0, abs(first)):
             return hopf
         below = (second > first) != _gains(system, hopf)

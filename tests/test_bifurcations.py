@@ -11,6 +11,8 @@ from known_cycles import lure
 import hbbogie as hb
 from hbbogie import Coordinate, DeadBand, Element, HarmonicBalance, ModelError, Parameter, System, fourier
 from hbbogie.cycles import crossings
+from hbbogie.onset import onset
+from hbbogie.solution_curve import Point
 
 circuit = hb.load_problem("circuit")
 
@@ -273,6 +275,13 @@ class TestOnset:
         """The hunting branch turns back to lower speeds: below contact the bogie is linear."""
         hopf = only(branch, "hopf")
         assert hopf.criticality == "subcritical" and "V falls" in hopf.status
+
+    def test_a_branch_of_one_point_says_nothing(self):
+        """Duffing's equation is conservative at d = 0: there is no Lyapunov coefficient, and no neighbour."""
+        system = hb.load_problem("duffing").duffing()
+        (hopf,) = hb.hopf_points(system, "d", (-0.5, 0.5))
+        point = Point(np.array([1.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]), np.zeros(2))
+        assert onset(hopf, system.with_parameters(d=hopf.value), [point]) is hopf
 
 
 class TestShifted:
