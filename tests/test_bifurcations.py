@@ -392,6 +392,16 @@ class TestFlatStretches:
         assert fold.kind == "fold" and abs(fold.value) < 1e-13
         assert fold.interval[0] <= 0 <= fold.interval[1]
 
+    def test_a_slope_that_is_round_off(self):
+        """(s - 1)^8 written out: terms of up to 70 cancel, and the slope is noise of both signs over many points."""
+        expanded = hb.Polynomial((1.0, -8.0, 28.0, -56.0, 70.0, -56.0, 28.0, -8.0, 1.0))
+        system, start = on_a_circle(expanded.force, 1.02, 0.02**8)
+        equations = HarmonicBalance(3).equations(system)
+        branch = hb.trace(equations, start, "mu", (-0.1, 0.05**8), step=5e-4, longest=5e-4)
+        (fold,) = branch.folds()
+        assert "varies too little" in fold.status and abs(fold.value) < 1e-13
+        assert fold.interval[1] - fold.interval[0] > 1e-15  # of the size of the round-off, not of the tolerance
+
     def test_odd_powers_do_not(self):
         """mu = (s - 1)^9 rises all the way."""
         system, start = on_a_circle(lambda s: (s - 1) ** 9, 1.2, 0.2**9)
@@ -405,7 +415,9 @@ class TestFlatStretches:
         equations = [v.dot - (v - v**3 / 3 - w + current), w.dot - 0.08 * (v + 0.7 - 0.8 * w)]
         system = System("FitzHugh-Nagumo", [v, w], [current], equations)
         (hopf,) = hb.hopf_points(system, "I", (0.0, 0.4))
-        branch = hb.trace(HarmonicBalance(100).equations(system), hopf, "I", (0.32, 0.34), stability=False)
+        branch = hb.trace(
+            HarmonicBalance(100).equations(system), hopf, "I", (0.32, 0.34), stability=False, max_points=50
+        )
         (fold,) = branch.folds()
         assert fold.value == pytest.approx(min(branch.values), abs=1e-12)
         assert fold.value == pytest.approx(0.32417852, abs=1e-7)
