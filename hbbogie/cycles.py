@@ -55,7 +55,7 @@ def find_cycles(
         parameter's bounds.
     harmonics : int or "auto"
         Highest harmonic. "auto" begins with 15 and doubles, up to 127, until the error estimate of each cycle
-        meets the tolerance.
+        meets the tolerance; a cycle that motions settle on and 127 do not resolve is polished by shooting.
     tolerance : float
         Largest error of frequency and waveform, relative, that "auto" is content with.
     stability : bool
@@ -95,6 +95,8 @@ def find_cycles(
             found = _search(HarmonicBalance(H).equations(system), name, value, (lo, hi))
             break
         except ConvergenceError as error:
+            if ORDERS[-1] == H and error.orbit is not None:
+                return [_by_shooting(system, error, error.orbit, stability)]
             if ORDERS[-1] == H or not error.statistics.get("unresolved", True):
                 raise
     return [_refined(system, orbit, tolerance, stability) for orbit in found]
@@ -125,6 +127,18 @@ def verified(system: System, orbit: Orbit) -> tuple[Orbit, float]:
     if stability is not None:
         stability = replace(stability, mode=floquet(system, orbit).mode)
     return orbit.replace(errors=errors, stability=stability), max(errors["omega"] / orbit.omega, errors["waveform"])
+
+
+def _by_shooting(system: System, error: ConvergenceError, motion: Orbit, stability: bool) -> Orbit:
+    """Return the cycle that a motion has settled on, polished by shooting, where no harmonics tried resolve it."""
+    try:
+        found = verify(system, motion)
+    except ConvergenceError:
+        raise error from None
+    orbit = found.orbit
+    errors = {"omega": found.closure * orbit.omega, "waveform": orbit.tail}
+    status = f"no harmonics up to {ORDERS[-1]} resolve it; a motion settles on it, polished by shooting: {orbit.status}"
+    return orbit.replace(errors=errors, status=status, stability=orbit.stability if stability else None)
 
 
 def _judged(system: System, orbit: Orbit) -> Orbit:

@@ -23,6 +23,7 @@ from hbbogie.system import System
 STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
 CHUNK, LONGEST = 2e3, 1.2e5  # steps simulated between two looks at the motion, and at most
 SLOWEST = 60.0  # or so many time constants of the slowest mode
+FINEST = 511  # highest harmonic of a motion from which shooting may go on
 NEAR = 0.2  # share by which the frequency of a motion may be off the cycle it has settled on
 SAME = 1e-6  # cycles closer than this, relative to their size, are one
 
@@ -37,7 +38,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     ------
     ConvergenceError
         When a motion goes on without settling, or settles on a cycle that the harmonics kept do not
-        resolve: then "no cycle" would be a guess.
+        resolve: then "no cycle" would be a guess. Its ``orbit`` is that motion.
     """
     system = equations.system
     line = Linearisation(system, parameter)
@@ -52,7 +53,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     ]
     found: list[Orbit] = []
     open_questions: list[str] = []
-    unresolved = False
+    unresolved: Orbit | None = None
     for settled in _settled(system, starts, moving):
         if settled.kind == "undecided":
             open_questions.append(settled.status)
@@ -62,7 +63,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
         try:
             found.append(_near(equations, guess))
         except ConvergenceError as error:
-            unresolved = True
+            unresolved = last_orbit(system, settled.trajectory, FINEST, moving)
             open_questions.append(
                 f"a motion settles on a cycle of period {guess.period:.6g} s that {equations.method} do not resolve "
                 f"(ask for more with harmonics=...): {error}"
@@ -79,7 +80,8 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
         raise ConvergenceError(
             f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
             f"reaches this value, and {open_questions[0]}",
-            statistics={"unresolved": unresolved},  # whether more harmonics might help
+            orbit=unresolved,
+            statistics={"unresolved": unresolved is not None},  # whether more harmonics might help
         )
     return distinct(found)
 

@@ -80,7 +80,8 @@ def _amplitude_scale(parts: Parts, p: Array, omega: float) -> float:
     That is the power of ten nearest to the amplitude at which the nonlinear part of an equation is half as large as
     the linear one, all coordinates moving alike at the frequency omega; 1 where it never is.
     """
-    gaps = [abs(g) for e in parts.contacts if e.ramps for g in e.ramps(p)[3].full().ravel() if g != 0 and np.isfinite(g)]
+    thresholds = [np.abs(e.ramps(p)[3].full()).ravel() for e in parts.contacts if e.ramps]
+    gaps = [g for t in thresholds for g in t if 0 < g < np.inf]
     if gaps or not parts.remainder_rows:
         return float(min(gaps, default=1.0))
     n, rows = parts.mass.size1_out(0), list(parts.remainder_rows)
