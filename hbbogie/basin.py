@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -19,7 +21,7 @@ from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.integration import initial_state, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import Ends, Place, follow, place_of, states_of, steps_for
-from hbbogie.processes import LOOK, end_with_parent, interruptions, one_thread_each
+from hbbogie.processes import LOOK, end_with_parent, interruptions, kill_workers, one_thread_each, starting
 from hbbogie.results import Basin, Branch, Orbit
 from hbbogie.settled import distinct
 from hbbogie.system import System
@@ -290,36 +292,50 @@ def _in_turn(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int
         yield k, job.run(i, x)
 
 
-_here: dict[str, Any] = {}  # in a worker process: the job, and the event that ends it
+_stops: list[Any] = []  # in a worker process: the event that ends it
 
 
-def _begin(job: _Job, stop: Any) -> None:
+def _begin(stop: Any) -> None:
     end_with_parent()
-    _here.update(job=job, stop=stop)
+    _stops.append(stop)
 
 
-def _task(i: int, x: Array) -> Ends:
-    ends: Ends = _here["job"].run(i, x, _here["stop"].is_set)
-    return ends
+@functools.lru_cache(maxsize=1)
+def _unpacked(payload: bytes) -> _Job:
+    job: _Job = pickle.loads(payload)
+    return job
+
+
+def _task(payload: bytes, i: int, x: Array) -> Ends:
+    if _stops[0].is_set():
+        raise CancelledError
+    return _unpacked(payload).run(i, x, _stops[0].is_set)
 
 
 def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int) -> Iterator[tuple[int, Ends]]:
     """Give the ends of the motions of each task as they come; what a broken process leaves out is not given."""
     context = get_context("spawn")  # a fork would copy the threads of BLAS in whatever state they are
     stop = context.Event()
-    pool = ProcessPoolExecutor(workers, context, _begin, (job, stop))
+    # with each task: what is handed over at the start of a process blocks this one when that ends before it has read
+    payload = pickle.dumps(job)
+    pool = ProcessPoolExecutor(workers, context, _begin, (stop,))
     with one_thread_each(), interruptions() as pressed, pool:
+        waiting: set[Future[Ends]] = set()
         try:
             tasks = enumerate(zip(at, starts, strict=True))
-            futures: dict[Future[Ends], int] = {pool.submit(_task, i, x): k for k, (i, x) in tasks}
-            waiting = set(futures)
+            with starting():
+                futures = {pool.submit(_task, payload, i, x): k for k, (i, x) in tasks}
+            waiting |= set(futures)
             while waiting and not pressed():
                 finished, waiting = wait(waiting, LOOK, FIRST_COMPLETED)
                 for future in finished:
                     if not isinstance(future.exception(), BrokenProcessPool):
                         yield futures[future], future.result()
-        finally:  # motions under way end at their next look
+        finally:  # motions under way end at their next look, at a second Ctrl-C at once
             stop.set()
-            pool.shutdown(cancel_futures=True)
+            while waiting and pressed() < 2:
+                waiting = wait(waiting, LOOK).not_done
+            if waiting:
+                kill_workers(pool)
         if pressed():
             raise KeyboardInterrupt

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 LOOK = 0.2  # s between two looks for Ctrl-C while waiting for other processes
@@ -32,9 +35,41 @@ def one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
+@contextmanager
+def starting() -> Iterator[None]:
+    """Let processes started meanwhile not hear Ctrl-C, of which they would die in their imports; here it comes after.
+
+    They inherit that the signal is blocked, and call `end_with_parent` when they can.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # when that starts it unblocks the signal
+    held: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+    heard = before is not signal.SIG_IGN and threading.current_thread() is threading.main_thread()
+    if heard:  # another thread may take the signal, and an exception here would leave the executor's locks held
+        signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if heard:
+            signal.signal(signal.SIGINT, before)
+        for number in held:
+            signal.raise_signal(number)
+
+
 def end_with_parent() -> None:
     """Let this worker process end as soon as the one that started it does, and leave Ctrl-C to that."""
+    import multiprocessing
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     parent = multiprocessing.parent_process()
 
     def watch() -> None:
@@ -45,19 +80,43 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def kill_workers(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool at once; it does not survive that with cancelled futures."""
+    for process in list((getattr(pool, "_processes", None) or {}).values()):
+        process.kill()
+
+
+class _Presses:
+    """Handler that counts how often Ctrl-C is pressed, and raises `KeyboardInterrupt` besides where that is asked."""
+
+    def __init__(self, pressed: list[int], raising: bool):
+        self.pressed, self.raising = pressed, raising
+
+    def __call__(self, number: int, frame: object) -> None:
+        self.pressed.append(number)
+        if self.raising:
+            raise KeyboardInterrupt
+
+
 @contextmanager
-def interruptions() -> Iterator[Callable[[], int]]:
-    """Count how often Ctrl-C is pressed, in place of `KeyboardInterrupt` at any moment.
+def interruptions(raising: bool = False) -> Iterator[Callable[[], int]]:
+    """Count how often Ctrl-C is pressed, in place of `KeyboardInterrupt` at any moment, or besides it.
 
     Raised inside the machinery of an executor, or just before the block that cleans up, that exception leaves locks
-    held and processes running. Outside the main thread, where no signal arrives, and where Ctrl-C is ignored, the
-    count stays zero.
+    held and processes running. Raised inside CasADi it may be lost, or become another one; hence the count, which goes
+    on from that of a block around this one. Outside the main thread, where no signal arrives, and where Ctrl-C is
+    ignored, the count stays zero.
+
+    Parameters
+    ----------
+    raising : bool
+        Whether to raise `KeyboardInterrupt` as well.
     """
-    pressed: list[int] = []
     before = signal.getsignal(signal.SIGINT)
+    pressed = before.pressed if isinstance(before, _Presses) else []
     try:
         if before is not signal.SIG_IGN:
-            signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
+            signal.signal(signal.SIGINT, _Presses(pressed, raising))
     except ValueError:  # not in the main thread
         yield lambda: 0
         return

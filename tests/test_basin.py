@@ -20,6 +20,7 @@ from hbbogie import outcomes, plot
 from hbbogie.basin import _ends, _Job, find_basin
 from hbbogie.cli import app
 from hbbogie.curves import silent
+from hbbogie.processes import starting
 
 matplotlib.use("Agg")
 FOLD, HOPF = 88.764, 90.974  # m/s
@@ -225,8 +226,21 @@ def test_command_with_wrong_input(tmp_path, args, message):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Ctrl-C cannot be sent to one process")
-def test_interruption_leaves_no_process(tmp_path):
-    """Ctrl-C while two processes follow motions: one sentence, exit code 130, nothing goes on."""
+def test_processes_that_start_do_not_hear_ctrl_c():
+    """And it is not lost: the exception comes afterwards."""
+    code = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    begun = False
+    with pytest.raises(KeyboardInterrupt), starting():
+        os.kill(os.getpid(), signal.SIGINT)
+        begun = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
+    assert begun == "True\n"
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Ctrl-C cannot be sent to one process")
+@pytest.mark.parametrize("seconds", [0.0, 2.0])
+def test_interruption_leaves_no_process(tmp_path, seconds):
+    """Ctrl-C at a terminal while two processes start, or follow motions: one sentence, code 130, nothing goes on."""
     environment = os.environ | {"PYTHONPATH": str(Path(hb.__file__).parent.parent)}
     # about d = 0 nothing grows or decays in the time: no motion is ever decided
     args = ["basin", "duffing", "--range", "-1e-9", "1e-9", "--along", "x=1", "--largest", "1", "--duration", "1e6"]
@@ -235,8 +249,8 @@ def test_interruption_leaves_no_process(tmp_path):
     for line in run.stderr:
         if "following motions" in line:
             break
-    time.sleep(2.0)
-    run.send_signal(signal.SIGINT)
+    time.sleep(seconds)
+    os.killpg(run.pid, signal.SIGINT)
     _, error = run.communicate(timeout=60)  # until the last process that holds the stream has ended
     assert run.returncode == 130 and "interrupted" in error and "Traceback" not in error
     assert not list(tmp_path.iterdir())
