@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -178,41 +177,27 @@ def print_error(message: str, as_json: bool, kind: str) -> None:
 
 def guarded(function: Callable[..., None], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
     """Call a command; turn what it raises into a sentence and an exit code."""
-    with _interruption() as interrupted:
+    from hbbogie.processes import interruptions
+
+    as_json = bool(kwargs.get("as_json"))
+    with interruptions(raising=True) as pressed:  # CasADi loses the exception, or makes others of it
         try:
             function(*args, **kwargs)
-            return
+            if not pressed():
+                return
+            message, kind, code = "interrupted; what was written may lack what was cut off.", "Interrupted", INTERRUPTED
+            as_json = False  # there is a document already
         except typer.Exit:
             raise
         except (KeyboardInterrupt, Exception) as error:
-            if isinstance(error, KeyboardInterrupt) or interrupted():
+            if isinstance(error, KeyboardInterrupt) or pressed():
                 message, kind = "interrupted; nothing further was computed or written.", "Interrupted"
                 code = INTERRUPTED
             else:
                 code = _exit_code(error)
                 message, kind = str(error), type(error).__name__
-    print_error(message, bool(kwargs.get("as_json")), kind)
+    print_error(message, as_json, kind)
     raise typer.Exit(code)
-
-
-@contextmanager
-def _interruption() -> Iterator[Callable[[], bool]]:
-    """Give a function that tells whether Ctrl-C was pressed: CasADi turns it into errors of other kinds."""
-    pressed: list[int] = []
-
-    def handler(number: int, frame: object) -> None:
-        pressed.append(number)
-        raise KeyboardInterrupt
-
-    try:
-        before = signal.signal(signal.SIGINT, handler)
-    except ValueError:  # not in the main thread, where no signal arrives
-        yield lambda: False
-        return
-    try:
-        yield lambda: bool(pressed)
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _exit_code(error: Exception) -> int:

@@ -118,6 +118,18 @@ def test_two_processes_on_one_store(tmp_path, truth):
     c.close()
 
 
+@unix
+@pytest.mark.parametrize("raising", [True, False])
+def test_ctrl_c_that_is_swallowed(tmp_path, raising):
+    """What a job made of it is not stored, and nothing further is begun."""
+    write_study(tmp_path)
+    keywords = {"problem": f"{tmp_path}/spring.py", "options": {"raising": raising}, "store": tmp_path / "s.db"}
+    with pytest.raises(KeyboardInterrupt):
+        hb.sweep(f"{tmp_path}/jobs.py:swallowing", {"k": [1.0, 3.0, 4.0]}, workers=0, **keywords)
+    data = read(tmp_path / "s.db")
+    assert data["k"].values.tolist() == [1.0] and not data["failed"].values.any()
+
+
 def test_resuming_does_only_what_is_missing(tmp_path):
     path, store = write_study(tmp_path), tmp_path / "s.db"
     first = run(path, store=store)
@@ -201,6 +213,26 @@ def test_functions_without_a_file_are_told_apart(tmp_path):
         for other in others:
             with pytest.raises(hb.ModelError, match="another job"):
                 hb.sweep(other, {"a": [1.0]}, **keywords)
+
+
+def test_changed_arrays_among_the_options_are_refused(tmp_path):
+    """Also in what text leaves out or rounds."""
+    array, store = np.arange(3000.0), tmp_path / "s.db"
+    write_study(tmp_path)
+
+    def go(weight):
+        given = {"name": "y", "value": 1.0, "weight": weight}
+        (tmp_path / "w.py").write_text("def f(system, name, value, weight):\n    return {name: value}\n")
+        keywords = {"problem": f"{tmp_path}/spring.py", "store": store, "resume": True, "workers": 0}
+        return hb.sweep(f"{tmp_path}/w.py:f", {"k": [1.0]}, options=given, **keywords)
+
+    go(array)
+    go(array.copy())
+    for place, change in ((1500, 1e9), (1, 1e-9)):
+        other = array.copy()
+        other[place] += change
+        with pytest.raises(hb.ModelError, match=r"other options of the job .*e\+00 \.\.\. .*\(hash"):
+            go(other)
 
 
 def test_a_changed_problem_is_refused(tmp_path):

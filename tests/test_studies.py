@@ -5,6 +5,8 @@ from __future__ import annotations
 import concurrent.futures as cf
 import functools
 import json
+import os
+import subprocess
 import sys
 
 import numpy as np
@@ -242,6 +244,28 @@ class TestSweep:
         out, err = process("script", cwd=tmp_path).communicate(timeout=60)
         assert out == "[1.]\n", err
 
+    @pytest.mark.parametrize("has_cloudpickle", [True, False])
+    def test_a_function_that_is_in_no_file(self, folder, has_cloudpickle):
+        """Typed in: worker processes cannot import it; it is sent by value, or refused before anything runs."""
+        if has_cloudpickle:
+            pytest.importorskip("cloudpickle")
+        code = f"""
+import importlib.util
+import hbbogie as hb
+def twice(system):
+    return {{"y": 2 * system.values["k"]}}
+if not {has_cloudpickle}:
+    find = importlib.util.find_spec
+    importlib.util.find_spec = lambda name, *more: None if name == "cloudpickle" else find(name, *more)
+try:
+    print(hb.sweep(twice, {{"k": [1.0, 4.0]}}, problem={str(folder / "spring.py")!r}, workers=1)["y"].values.tolist())
+except hb.ModelError as error:
+    print(error)
+"""
+        out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+        expected = "[2.0, 8.0]" if has_cloudpickle else "at the top level of a file, or run with workers=0"
+        assert expected in out.stdout, out.stderr
+
     @pytest.mark.parametrize(
         ("job", "points", "message"),
         [
@@ -267,6 +291,15 @@ class TestSweep:
     def test_wrong_arguments(self, folder, points, keywords, message):
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, "product", points, **keywords)
+
+    def test_an_executor_that_takes_nothing_any_more(self, folder):
+        finished, broken = cf.ThreadPoolExecutor(1), cf.ProcessPoolExecutor(1)
+        finished.shutdown()
+        with pytest.raises(cf.BrokenExecutor):
+            broken.submit(os._exit, 1).result()
+        for executor in (finished, broken):
+            with pytest.raises(hb.ModelError, match="the executor was shut down or lost its workers"):
+                sweep(folder, "product", {"k": [1.0]}, workers=None, executor=executor)
 
     def test_no_function(self, folder):
         for job in (functools.partial(_root), 3):

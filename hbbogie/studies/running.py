@@ -1,168 +1,28 @@
-"""How a study runs: points to an executor, outcomes to the store, workers that die, Ctrl-C."""
+"""How a study runs: points to a runner, outcomes to the store, workers that die, Ctrl-C."""
 
 from __future__ import annotations
 
 import concurrent.futures as cf
-import multiprocessing
-import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, nullcontext
-from typing import Any
 
 from hbbogie.curves import Progress
 from hbbogie.errors import ModelError
-from hbbogie.processes import LOOK, cores, interruptions, one_thread_each
-from hbbogie.studies.optional import required
+from hbbogie.processes import LOOK, interruptions
+from hbbogie.studies.runners import Runner, lost_executor
 from hbbogie.studies.store import NOMINAL, Store
-from hbbogie.studies.tasks import Outcome, Task, check_names, failure, run_point, start_worker
+from hbbogie.studies.tasks import Outcome, check_names, failure
 
 TRIES = 2  # times a point may kill the worker it runs on
 SILENT = 10  # points that may kill their workers as long as none has answered
 DEADLY = f"the worker process died {TRIES} times on this point: out of memory, or a crash in native code"
 EVERY = 0.2  # s between two reports of progress
-EVERY_CLUSTER = 2.0  # s between two looks at the workers of a cluster
-AHEAD = 16  # points in flight on a cluster, at least
 PATIENCE = 0.5  # s; within which Ctrl-C that reached a worker reaches this process
 
 Flying = dict[cf.Future[Outcome], tuple[int, dict[str, float]]]  # points and their values, by what computes them
-
-
-class Runner:
-    """Submits points to an executor that its user owns."""
-
-    def __init__(self, payload: bytes | Task, executor: cf.Executor, window: int):
-        self.payload, self.executor, self.window = payload, executor, window
-
-    def room(self) -> int:
-        """Return how many points may be in flight."""
-        return self.window
-
-    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        """Submit a point."""
-        return self.executor.submit(run_point, self.payload, point, values)
-
-    def renew(self, error: cf.BrokenExecutor) -> None:
-        """Go on after an executor has lost a process, or raise `ModelError`."""
-        raise ModelError("the executor given is broken: one of its processes died; resume with a new one.") from error
-
-    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
-        """Begin no further point."""
-        for future in flying:
-            future.cancel()
-
-    def kill(self) -> None:
-        """Drop what is in flight, as far as that can be done."""
-
-
-class _Cluster(Runner):
-    """Submits points to the workers of a Dask scheduler, which come and go."""
-
-    def __init__(self, payload: bytes | Task, client: Any):
-        self.client, self.looked = client, 0.0
-        super().__init__(payload, client.get_executor(), AHEAD)
-
-    def room(self) -> int:
-        """Return how many points may be in flight: several for each thread of the workers there are now."""
-        if time.monotonic() - self.looked > EVERY_CLUSTER:
-            self.window = max(4 * sum(self.client.nthreads().values()), AHEAD)
-            self.looked = time.monotonic()
-        return self.window
-
-
-class _Pool(Runner):
-    """Submits points to a pool of local processes, which is built anew when it breaks."""
-
-    def __init__(self, payload: bytes | Task, count: int):
-        context = multiprocessing.get_context("spawn")
-        self.stop = context.Event()
-        self.build = lambda: cf.ProcessPoolExecutor(count, context, start_worker, (self.stop,))
-        super().__init__(payload, self.build(), 2 * count)
-
-    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        """Submit a point; to a pool that has just broken, as a future that says so."""
-        try:
-            return super().submit(point, values)
-        except BrokenProcessPool as error:
-            future: cf.Future[Outcome] = cf.Future()
-            future.set_exception(error)
-            return future
-
-    def renew(self, error: cf.BrokenExecutor) -> None:
-        """Take a new pool for the one that broke."""
-        self.executor.shutdown(wait=False, cancel_futures=True)
-        self.executor = self.build()
-        _await_start([self.executor.submit(os.getpid)])
-
-    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
-        """Begin no further point; the workers are told, as a pool with cancelled futures does not survive `kill`."""
-        self.stop.set()
-
-    def kill(self) -> None:
-        """End the processes at once."""
-        for process in list((getattr(self.executor, "_processes", None) or {}).values()):
-            process.kill()
-
-
-class _Here(cf.Executor):
-    """Runs what is submitted at once, in this process."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> cf.Future[Any]:
-        future: cf.Future[Any] = cf.Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-
-@contextmanager
-def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, scheduler: str | None) -> Iterator[Runner]:
-    """Give the runner of an executor, of a Dask scheduler or of a local pool, and clean up behind it."""
-    if scheduler is not None:
-        distributed = required("distributed")
-        try:
-            client = distributed.Client(scheduler, timeout=5, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise ModelError(
-                f"no Dask scheduler answers at {scheduler!r} ({error}); start one with: dask scheduler."
-            ) from error
-        with client:
-            if not client.nthreads():
-                text = (
-                    f"no worker has joined the scheduler yet, waiting for one; start some with: dask worker {scheduler}"
-                )
-                print(text, file=sys.stderr, flush=True)
-            yield _Cluster(task.packed(by_value=True), client)
-        return
-    if executor is not None:
-        window = 4 * int(getattr(executor, "_max_workers", 0) or os.cpu_count() or 1)
-        yield Runner(task.packed(by_value=True), executor, window)
-        return
-    if workers == 0:
-        yield Runner(task, _Here(), 1)
-        return
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise ModelError('sweep: put the call below: if __name__ == "__main__": (worker processes import the script).')
-    count = workers or cores()
-    with one_thread_each():
-        runner = _Pool(task.packed(), count)
-        try:
-            _await_start([runner.executor.submit(os.getpid) for _ in range(count)])
-            yield runner
-        finally:
-            runner.executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _await_start(answers: list[cf.Future[int]]) -> None:
-    """Wait for the first worker to answer; raise `ModelError` where they cannot even start."""
-    try:
-        answers[0].result()
-    except BrokenProcessPool:
-        raise ModelError(
-            "the worker processes end as soon as they start; see what they print above. In a script the call stands "
-            'below: if __name__ == "__main__":'
-        ) from None
 
 
 def drive(runner: Runner, keep: Store, report: Progress) -> None:
@@ -171,12 +31,12 @@ def drive(runner: Runner, keep: Store, report: Progress) -> None:
     At Ctrl-C `KeyboardInterrupt` is raised when what is in flight has come down.
     """
     flying: Flying = {}
-    # in this process Ctrl-C is to reach the job
-    with nullcontext(lambda: 0) if isinstance(runner.executor, _Here) else interruptions() as pressed:
+    with interruptions(raising=runner.here) as pressed:  # in this process Ctrl-C is to reach the job
         try:
             _work(runner, keep, _Meter(keep, report), flying, pressed)
         except KeyboardInterrupt:
-            _land(runner, flying, keep, pressed)
+            if not runner.here:  # what a job returns in spite of Ctrl-C may be what CasADi made of that
+                _land(runner, flying, keep, pressed)
             raise
 
 
@@ -251,9 +111,7 @@ def _outcome(future: cf.Future[Outcome], point: int, pressed: Callable[[], int])
     except BrokenProcessPool:
         raise
     except (cf.CancelledError, cf.BrokenExecutor) as error:
-        raise ModelError(
-            "the executor was shut down or lost its workers; what is finished is stored, resume."
-        ) from error
+        raise lost_executor() from error
     except Exception as error:  # from the executor: the job's own are outcomes already
         return failure(
             point, f"the executor gave up on this point: {type(error).__name__}: {str(error).partition(chr(10))[0]}"

@@ -14,18 +14,22 @@ from hbbogie.curves import Progress, default_interval, silent
 from hbbogie.errors import ModelError
 from hbbogie.integration import positive
 from hbbogie.problem import load_problem
+from hbbogie.processes import interruptions
 from hbbogie.studies.dataset import dataset_of, describe_units
+from hbbogie.studies.fingerprints import versions
 from hbbogie.studies.jobs import JOBS, Outputs, job_function, wrong_option
-from hbbogie.studies.running import drive, runner_of
+from hbbogie.studies.runners import runner_of
+from hbbogie.studies.running import drive
 from hbbogie.studies.sampling import Points, as_points
 from hbbogie.studies.store import Store
-from hbbogie.studies.tasks import Task, versions
+from hbbogie.studies.tasks import Task
 from hbbogie.system import System
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
+@interruptions(raising=True)  # counted from here on: CasADi loses the exception while the system is built, too
 def sweep(
     job: str | Callable[..., Outputs],
     points: Points | Mapping[str, Any] | Sequence[Mapping[str, float]],

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import importlib
 import importlib.util
-import inspect
-import json
 import os
 import pickle
 import platform
-import re
 import signal
 import sys
 import threading
@@ -19,8 +15,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from types import CellType
 from typing import Any
 
 import numpy as np
@@ -28,6 +22,7 @@ import numpy as np
 from hbbogie.errors import ModelError
 from hbbogie.problem import load_problem, system_of
 from hbbogie.processes import TimeLimit, end_with_parent, limited
+from hbbogie.studies.fingerprints import code_of, digest, options_text, problem_hash, source_of, versions
 from hbbogie.studies.jobs import JOBS, Outputs, job_function
 from hbbogie.system import System
 
@@ -80,10 +75,13 @@ class Task:
 
     def packed(self, by_value: bool = False) -> bytes:
         """Return the task for another process; ``by_value`` where that cannot import the script that is running."""
-        pack = pickle.dumps
-        if by_value and importlib.util.find_spec("cloudpickle"):
+        pack, own = pickle.dumps, getattr(self.job, "__module__", "") == "__main__"
+        nowhere = not hasattr(sys.modules["__main__"], "__file__")  # typed in, with no file to be imported
+        if (by_value or nowhere) and importlib.util.find_spec("cloudpickle"):
             pack = importlib.import_module("cloudpickle").dumps
         try:
+            if own and nowhere and pack is pickle.dumps:
+                raise pickle.PicklingError("it is in no file, and cloudpickle is not installed")
             return pack(replace(self, sources=self.loaded()))
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise ModelError(
@@ -97,7 +95,7 @@ class Task:
         if isinstance(self.problem, str) and self.problem.endswith(".py"):
             found["problem"] = str(load_problem(self.problem).__dict__["__source_hash__"])
         if not isinstance(self.job, str):
-            found["job"] = _digest(repr(code_of(self.job)))
+            found["job"] = digest(repr(code_of(self.job)))
         elif self.job not in JOBS:
             found["job"] = str(load_problem(self.job.rpartition(":")[0]).__dict__["__source_hash__"])
         return found
@@ -114,11 +112,11 @@ class Task:
                 found = getattr(found, name, None)
             task = replace(self, job=found if callable(found) else self.job)
         have = task.loaded()
-        for what, digest in self.sources.items():
-            if have.get(what) != digest:
+        for what, hashed in self.sources.items():
+            if have.get(what) != hashed:
                 raise ModelError(
                     f"the {what} on {platform.node()} is not that of the study (hash {have.get(what)}, the study's "
-                    f"{digest}); bring its file up to date there, or start the workers afresh."
+                    f"{hashed}); bring its file up to date there, or start the workers afresh."
                 )
         return task
 
@@ -127,73 +125,19 @@ class Task:
         return {
             "problem": problem_hash(self.system()),
             "job": self._job_hash(),
-            "options": json.dumps(dict(sorted(self.options.items())), default=str),
+            "options": options_text(self.options),
         }
 
     def _job_hash(self) -> str:
         if callable(self.job):
-            return _digest(_source(self.job) + repr(code_of(self.job)))
+            return digest(source_of(self.job) + repr(code_of(self.job)))
         return f"{self.job} of hbbogie {versions()['hbbogie']}" if self.job in JOBS else self.loaded()["job"]
-
-
-def problem_hash(system: System) -> str:
-    """Return a hash of the equations and of the values and bounds of the parameters."""
-    parts = [system.residual.serialize()]  # of the whole, with the forces of the elements
-    parts += [f"{p.name} {system.values[p.name]!r} {p.unit} {p.bounds!r}" for p in system.parameters]
-    return _digest("\n".join(parts))
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _importable(function: Callable[..., Any]) -> bool:
     """Tell whether a function stands at the top of a module that can be imported, and so loaded again."""
     spec = getattr(sys.modules.get(function.__module__), "__spec__", None)
     return spec is not None and "<" not in function.__qualname__
-
-
-def _source(function: Callable[..., Any]) -> str:
-    """Return the source of the file a function stands in, nothing where there is no such file."""
-    try:
-        file = inspect.getsourcefile(function)
-        return Path(file).read_text("utf-8") if file and Path(file).is_file() else ""
-    except (OSError, TypeError, UnicodeDecodeError):
-        return ""
-
-
-def code_of(value: Any, above: tuple[Any, ...] = ()) -> Any:
-    """Return what a function does, in a form whose text is the same in every process: also what it closes over."""
-    if any(value is v for v in above):  # functions that close over each other
-        return "itself"
-    inside = functools.partial(code_of, above=(*above, value))
-    if inspect.ismethod(value):
-        return inside(value.__func__), inside(value.__self__)
-    if inspect.isfunction(value):
-        cells = [inside(c.cell_contents) for c in value.__closure__ or () if c != CellType()]
-        return inside(value.__code__), inside(value.__defaults__), inside(value.__kwdefaults__), cells
-    if inspect.iscode(value):
-        return value.co_code.hex(), value.co_names, [inside(c) for c in value.co_consts]
-    if isinstance(value, frozenset | set):
-        return sorted(repr(inside(v)) for v in value)
-    if isinstance(value, tuple | list):
-        return [inside(v) for v in value]
-    if isinstance(value, dict):
-        return [(inside(k), inside(v)) for k, v in value.items()]
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()
-    if isinstance(value, System):
-        return problem_hash(value)
-    # neither addresses nor the name that the running script has in worker processes
-    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value)).replace("__mp_main__", "__main__")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of everything that has a share in the numbers."""
-    found = {"python": platform.python_version(), "platform": platform.platform(terse=True)}
-    for name in ("hbbogie", "casadi", "numpy", "scipy"):
-        found[name] = str(getattr(importlib.import_module(name), "__version__", ""))
-    return found
 
 
 @dataclass(frozen=True)
@@ -259,6 +203,8 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) ->
         system, job, options, limit = _ready(payload)
         with limited(limit) as is_over:
             outputs, status, failed = _checked(job(system.with_parameters(**values), **options), values)
+        if is_over():  # the exception was lost in native code
+            raise TimeLimit
     except (Exception, SystemExit, KeyboardInterrupt, TimeLimit) as error:
         if is_over():
             reason = f"the time limit of {limit:g} s for a point is over"

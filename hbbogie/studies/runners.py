@@ -1,0 +1,185 @@
+"""Where the points of a study are done: an executor of the user, a Dask cluster, a local pool, this process."""
+
+from __future__ import annotations
+
+import concurrent.futures as cf
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import Any
+
+from hbbogie.errors import ModelError
+from hbbogie.processes import cores, kill_workers, one_thread_each, starting
+from hbbogie.studies.optional import required
+from hbbogie.studies.tasks import Outcome, Task, run_point, start_worker
+
+EVERY_CLUSTER = 2.0  # s between two looks at the workers of a cluster
+AHEAD = 16  # points in flight on a cluster, at least
+
+
+class Runner:
+    """Submits points to an executor that its user owns.
+
+    Attributes
+    ----------
+    here : bool
+        Whether points are done in the thread that submits them.
+    """
+
+    here = False
+
+    def __init__(self, payload: bytes | Task, executor: cf.Executor, window: int):
+        self.payload, self.executor, self.window = payload, executor, window
+
+    def room(self) -> int:
+        """Return how many points may be in flight."""
+        return self.window
+
+    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
+        """Submit a point; raise `ModelError` where the executor takes none any more."""
+        try:
+            return self._submit(point, values)
+        except RuntimeError as error:  # also that it is broken
+            raise lost_executor() from error
+
+    def _submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
+        return self.executor.submit(run_point, self.payload, point, values)
+
+    def renew(self, error: cf.BrokenExecutor) -> None:
+        """Go on after an executor has lost a process, or raise `ModelError`."""
+        raise ModelError("the executor given is broken: one of its processes died; resume with a new one.") from error
+
+    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+        """Begin no further point."""
+        for future in flying:
+            future.cancel()
+
+    def kill(self) -> None:
+        """Drop what is in flight, as far as that can be done."""
+
+
+class _Cluster(Runner):
+    """Submits points to the workers of a Dask scheduler, which come and go."""
+
+    def __init__(self, payload: bytes | Task, client: Any):
+        self.client, self.looked = client, 0.0
+        super().__init__(payload, client.get_executor(), AHEAD)
+
+    def room(self) -> int:
+        """Return how many points may be in flight: several for each thread of the workers there are now."""
+        if time.monotonic() - self.looked > EVERY_CLUSTER:
+            self.window = max(4 * sum(self.client.nthreads().values()), AHEAD)
+            self.looked = time.monotonic()
+        return self.window
+
+
+class _Pool(Runner):
+    """Submits points to a pool of local processes, which is built anew when it breaks."""
+
+    def __init__(self, payload: bytes | Task, count: int):
+        context = multiprocessing.get_context("spawn")
+        self.stop = context.Event()
+        self.build = lambda: cf.ProcessPoolExecutor(count, context, start_worker, (self.stop,))
+        self.executor: cf.ProcessPoolExecutor
+        super().__init__(payload, self.build(), 2 * count)
+
+    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
+        """Submit a point; to a pool that has just broken, as a future that says so."""
+        try:
+            with starting():
+                return self._submit(point, values)
+        except BrokenProcessPool as error:
+            future: cf.Future[Outcome] = cf.Future()
+            future.set_exception(error)
+            return future
+
+    def renew(self, error: cf.BrokenExecutor) -> None:
+        """Take a new pool for the one that broke."""
+        self.executor.shutdown(wait=False, cancel_futures=True)
+        self.executor = self.build()
+        with starting():
+            answer = self.executor.submit(os.getpid)
+        _await_start([answer])
+
+    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+        """Begin no further point; the workers are told, as a pool with cancelled futures does not survive `kill`."""
+        self.stop.set()
+
+    def kill(self) -> None:
+        """End the processes at once."""
+        kill_workers(self.executor)
+
+
+class _Here(Runner):
+    """Does each point when it is submitted, in this process."""
+
+    here = True
+
+    def __init__(self, task: Task):
+        super().__init__(task, cf.Executor(), 1)
+
+    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
+        """Do a point."""
+        future: cf.Future[Outcome] = cf.Future()
+        future.set_result(run_point(self.payload, point, values))
+        return future
+
+
+@contextmanager
+def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, scheduler: str | None) -> Iterator[Runner]:
+    """Give the runner of an executor, of a Dask scheduler or of a local pool, and clean up behind it."""
+    if scheduler is not None:
+        distributed = required("distributed")
+        try:
+            client = distributed.Client(scheduler, timeout=5, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ModelError(
+                f"no Dask scheduler answers at {scheduler!r} ({error}); start one with: dask scheduler."
+            ) from error
+        with client:
+            if not client.nthreads():
+                text = (
+                    f"no worker has joined the scheduler yet, waiting for one; start some with: dask worker {scheduler}"
+                )
+                print(text, file=sys.stderr, flush=True)
+            yield _Cluster(task.packed(by_value=True), client)
+        return
+    if executor is not None:
+        window = 4 * int(getattr(executor, "_max_workers", 0) or os.cpu_count() or 1)
+        yield Runner(task.packed(by_value=True), executor, window)
+        return
+    if workers == 0:
+        yield _Here(task)
+        return
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise ModelError('sweep: put the call below: if __name__ == "__main__": (worker processes import the script).')
+    count = workers or cores()
+    with one_thread_each():
+        runner = _Pool(task.packed(), count)
+        try:
+            with starting():
+                answers = [runner.executor.submit(os.getpid) for _ in range(count)]
+            _await_start(answers)
+            yield runner
+        finally:
+            runner.executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _await_start(answers: list[cf.Future[int]]) -> None:
+    """Wait for the first worker to answer; raise `ModelError` where they cannot even start."""
+    try:
+        answers[0].result()
+    except BrokenProcessPool:
+        raise ModelError(
+            "the worker processes end as soon as they start; see what they print above. In a script the call stands "
+            'below: if __name__ == "__main__":'
+        ) from None
+
+
+def lost_executor() -> ModelError:
+    """Return the error of an executor that does nothing any more."""
+    return ModelError("the executor was shut down or lost its workers; what is finished is stored, resume.")
