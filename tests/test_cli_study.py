@@ -111,6 +111,15 @@ def test_second_interruption_drops_what_hangs(tmp_path):
         ("c = [1.0", 'c = ["x"', "[points.parameters] c: got ['x', 2.0"),
         ("c = [1.0", "c = [[1.0]", "[points.parameters] c: got [[1.0], 2.0"),
         ("count = 8", "count = -8", "count"),
+        ('"grid"', '"grid"\nseed = 3', "line 10: [points] seed: sample = 'grid' has no such key; allowed"),
+        ('"grid"', '"list"\nrows = [{ k = 1.0 }]', "[points.parameters]: sample = 'list' has no such key; allowed"),
+        ('"grid"', '"sobol"\ncount = 4\nexcept = ["k"]', "line 11: [points] except: names what 'around' leaves out"),
+        (
+            '"grid"',
+            '"sobol"\ncount = 4',
+            "[points.parameters] k: distribution 'uniform': got low, high, count",
+        ),
+        ("[options]", "[values]\nc = nan\n\n[options]", "line 6: [values] c: parameter 'c' (no description): got nan"),
         ('"grid"', '"sobol"\ncount = 4\naround = 0.1\nexcept = ["kk"]', "except: unknown parameter 'kk'"),
         ('"grid"', '"sobol"\ncount = 4\naround = -0.1', "around"),
         (
@@ -161,6 +170,21 @@ def test_wrong_arguments(tmp_path):
     ):
         result = call(*args)
         assert result.exit_code == 2 and message in result.stderr, result.output
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("{ distribution = 3 }", "line 10: [points.parameters] k: distribution = 3; give a name such as"),
+        ("{ around = 0.1, low = 3.0 }", "line 10: [points.parameters] k: unknown key 'low'. Allowed: around"),
+    ],
+)
+def test_wrong_ranges(tmp_path, table, message):
+    head = write_study(tmp_path).read_text().partition("[options]")[0]
+    points = f'[points]\nsample = "sobol"\ncount = 4\n\n[points.parameters]\nk = {table}\n'
+    (tmp_path / "ranges.toml").write_text(head + points)
+    result = call("run", "ranges.toml", "--workers", 0)
+    assert result.exit_code == 2 and message in result.stderr.replace("\n", " "), result.stderr
 
 
 def test_files_of_another_kind(tmp_path):

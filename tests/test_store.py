@@ -20,7 +20,7 @@ import pytest
 from small_studies import finished, process, wait_for, write_study
 
 import hbbogie as hb
-from hbbogie.studies.dataset import dataset_of
+from hbbogie.studies.dataset import dataset_of, export
 from hbbogie.studies.sampling import grid
 from hbbogie.studies.store import Store
 from hbbogie.studies.study import load_study
@@ -233,6 +233,23 @@ def test_changed_arrays_among_the_options_are_refused(tmp_path):
         other[place] += change
         with pytest.raises(hb.ModelError, match=r"other options of the job .*e\+00 \.\.\. .*\(hash"):
             go(other)
+
+
+def test_text_that_no_file_can_hold(tmp_path):
+    """As of a file name whose bytes are no text: in the status of a failure, in a status given, in an output."""
+    write_study(tmp_path)
+    (tmp_path / "odd.py").write_text(
+        "def f(system):\n"
+        "    if system.values['k'] > 1: raise OSError('no file \\udcff')\n"
+        "    return {'name': 'a\\udcff', 'status': 'read \\udcff'}\n"
+    )
+    data = hb.sweep(
+        f"{tmp_path}/odd.py:f", {"k": [1.0, 2.0]}, problem=f"{tmp_path}/spring.py", store=tmp_path / "s.db", workers=0
+    )
+    assert data["failed"].values.tolist() == [False, True] and data["name"].values[0] == "a\\udcff"
+    assert data["status"].values.tolist() == ["read \\udcff", "OSError: no file \\udcff"]
+    for ending in ("nc", "csv"):
+        export(data, tmp_path / f"s.{ending}")
 
 
 def test_a_changed_problem_is_refused(tmp_path):

@@ -92,9 +92,36 @@ class TestPoints:
         path.write_text("a [m],b\n1,3\n2,4\n")
         read = studies.from_csv(path)
         assert read.names == ("a", "b") and read.values.tolist() == [[1, 3], [2, 4]]
+        path.write_text("a,b,a\n1,3,1\n")
+        with pytest.raises(hb.ModelError, match="line 1: 'a' has more than one column"):
+            studies.from_csv(path)
         path.write_text("a,b\n1,3\n2,x\n")
         with pytest.raises(hb.ModelError, match="line 3"):
             studies.from_csv(path)
+
+    def test_units_in_the_header_of_a_file(self, folder, tmp_path):
+        """N/m and N s/m are the parameters' own."""
+        path = tmp_path / "points.csv"
+        path.write_text("k [kN/m],c [mN s/m]\n0.003,500\n0.05,250\n")
+        data = sweep(folder, "product", studies.from_csv(path))
+        np.testing.assert_allclose(data["k"].values, [3.0, 50.0], rtol=1e-15)
+        np.testing.assert_allclose(data["product"].values, [1.5, 12.5], rtol=1e-15)
+        for header, message in (
+            ("k [kg]", "got the unit 'kg'; allowed is its own, 'N/m'"),
+            ("k [MN/m]", "from 0 to 100"),
+        ):
+            path.write_text(f"{header}\n1\n")
+            with pytest.raises(hb.ModelError, match=message):
+                sweep(folder, "product", studies.from_csv(path))
+
+    def test_whole_numbers_given_as_floats(self):
+        for make in (studies.random, studies.sobol, studies.latin_hypercube, studies.saltelli):
+            ranges = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
+            np.testing.assert_array_equal(make(ranges, 16.0).values, make(ranges, 16).values)
+            with pytest.raises(hb.ModelError, match="no parameter"):
+                make({}, 4)
+            with pytest.raises(hb.ModelError, match="at least 1"):
+                make(ranges, 2.5)
 
     @pytest.mark.parametrize(
         ("make", "message"),
@@ -113,6 +140,7 @@ class TestPoints:
             (lambda: studies.listed([{"a": None}]), "'a' is None"),
             (lambda: studies.listed([3]), "point 0 is 3"),
             (lambda: studies.around(hb.load_problem("bautin").SYSTEM(), -0.1), "above 0"),
+            (lambda: named_distribution(3, {}), "distribution = 3; give a name"),
             (lambda: named_distribution("norml", {}), "Did you mean 'normal'"),
             (lambda: named_distribution("normal", {"mean": 1.0}), "give mean, deviation"),
             (lambda: named_distribution("normal", {"mean": 1.0, "deviation": -1.0}), "no finite quantiles"),
@@ -194,6 +222,7 @@ class TestSweep:
             ("failed", "yes", "give True or False"),
             ("y", [1.0], "of type list; return numbers"),
             (3, 1.0, "an output named 3"),
+            *[(n, 1.0, "which NetCDF cannot hold") for n in ("peak/left", "", ".", "a\nb", "\udcff")],
         ],
     )
     def test_outputs_that_are_none_are_refused_at_once(self, folder, tmp_path, name, value, message):
@@ -361,6 +390,8 @@ class TestStatistics:
     def test_exceedance_counts(self):
         below = exceedance([1.0, 2.0, 3.0, np.nan], 2.5, above=False)
         assert (below.count, below.total, below.probability) == (2, 3, 2 / 3)
+        infinite = exceedance([1.0, np.inf, -np.inf, np.inf, np.nan], 2.5)
+        assert (infinite.count, infinite.total) == (2, 4)
         with pytest.raises(hb.ModelError, match="no value"):
             exceedance([np.nan], 0.0)
 
@@ -473,6 +504,12 @@ class TestReport:
         assert "unknown output &#x27;nothing&#x27;" in text
         for link in ("http://", "https://", 'src="/', "<script", "<link"):
             assert link not in text
+
+    def test_infinite_values_are_told(self, folder):
+        data = sweep(folder, "named", {"k": [1.0, 2.0]}, options={"name": "y", "value": float("inf")})
+        report = report_of(data, "Infinite")
+        assert "y: 2 infinite values, left out here." in report.tables[1].notes
+        json.dumps(report.as_dict(), allow_nan=False)
 
     def test_a_figure_that_cannot_be_drawn_costs_nothing_else(self, data, tmp_path):
         figures = [

@@ -70,6 +70,8 @@ def named_distribution(kind: str, values: Mapping[str, float]) -> Any:
     """
     from scipy import stats
 
+    if not isinstance(kind, str):
+        raise ModelError(f"distribution = {kind!r}; give a name such as {', '.join(DISTRIBUTIONS)}.")
     makers: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
         "uniform": (("low", "high"), lambda low, high: stats.uniform(low, high - low)),
         "normal": (("mean", "deviation"), lambda mean, deviation: stats.norm(mean, deviation)),

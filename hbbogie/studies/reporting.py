@@ -131,18 +131,22 @@ def _summary(data: xr.Dataset, names: Sequence[str]) -> Table:
     columns = ("output", "values", "mean", "deviation", "smallest", "5 %", "median", "95 %", "largest")
     nominal = json.loads(data.attrs["nominal_outputs"])
     rows = []
+    notes = [
+        "Nominal: at the problem's own values of the inputs. Points without a value, such as a fold, are left out."
+    ]
     for name in names:
         v = data[name].values
-        v = v[np.isfinite(v)]
         text = label(name, data[name].attrs["units"])
+        if infinite := int(np.isinf(v).sum()):
+            notes.append(f"{name}: {infinite} infinite value{'s' * (infinite != 1)}, left out here.")
+        v = v[np.isfinite(v)]
         if not len(v):
             rows.append((text, 0, *[None] * 7, nominal.get(name)))
             continue
         quantiles = (float(q) for q in np.quantile(v, (0, 0.05, 0.5, 0.95, 1)))
         rows.append((text, len(v), float(v.mean()), float(v.std()), *quantiles, nominal.get(name)))
     formats = ("", "d", *[".6g"] * 8)
-    note = "Nominal: at the problem's own values of the inputs. Points without a value, such as a fold, are left out."
-    return Table("summary", "Outputs", (*columns, "nominal"), tuple(rows), formats, (note,))
+    return Table("summary", "Outputs", (*columns, "nominal"), tuple(rows), formats, tuple(notes))
 
 
 def _failures(data: xr.Dataset) -> Table:
@@ -191,7 +195,8 @@ def _sensitivity(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list
     found = sobol_indices(data, figure["output"])
     parts = found.first, found.first_error, found.total, found.total_error
     rows = tuple((n, *map(float, v)) for n, *v in zip(found.names, *parts, strict=True))
-    note = f"{found.used} base points; {found.dropped} left out because a point of theirs has no value. Errors: 95 %."
+    left_out = f"{found.dropped} left out because a point of theirs has no finite value"
+    note = f"{found.used} base points; {left_out}. Errors: 95 %."
     columns = ("input", "first order [1]", "+- first", "total [1]", "+- total")
     title = f"Sobol indices of {figure['output']}"
     table = Table(f"{k}_sensitivity", title, columns, rows, ("", *[".4f"] * 4), (note,))

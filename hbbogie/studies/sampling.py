@@ -7,8 +7,9 @@ distribution of `scipy.stats` stands for itself, and a grid takes the values the
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError
-from hbbogie.studies.distributions import distribution
+from hbbogie.studies.distributions import distribution, unit_factor
 from hbbogie.studies.optional import required
 from hbbogie.system import System
 
@@ -38,12 +39,15 @@ class Points:
         How the points were made, such as "grid" or "sobol".
     seed : int or None
         With which the same points are made again.
+    units : mapping from name to str
+        Of parameters whose values are in another unit than their own, until `of_system` has converted them.
     """
 
     names: tuple[str, ...]
     values: Array
     kind: str
     seed: int | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.names or len(self.values) == 0:
@@ -61,11 +65,24 @@ class Points:
         """Return point i as parameter values by name."""
         return dict(zip(self.names, map(float, self.values[i]), strict=True))
 
-    def check(self, system: System) -> None:
-        """Raise `ModelError` where the system has no such parameter or does not allow one of the values."""
-        for name, column in zip(self.names, self.values.T, strict=True):
+    def of_system(self, system: System) -> Points:
+        """Return the points in the units of a system.
+
+        Raises
+        ------
+        ModelError
+            Where the system has no such parameter, or does not allow one of the values or units.
+        """
+        factors = []
+        for name in self.names:
+            own = system.parameter(name).unit
+            given = self.units.get(name, own)
+            factors.append(unit_factor("" if not own and given in ("1", "-") else given, own, name))
+        found = replace(self, values=self.values * factors, units={})
+        for name, column in zip(found.names, found.values.T, strict=True):
             for value in (column.min(), column.max()):
                 system.with_parameters(**{name: float(value)})
+        return found
 
 
 def as_points(points: Points | Mapping[str, Any] | Sequence[Mapping[str, float]]) -> Points:
@@ -125,12 +142,16 @@ def listed(rows: Iterable[Mapping[str, float]]) -> Points:
 
 
 def from_csv(path: str | Path) -> Points:
-    """Return the points of a CSV file whose header names the parameters, with or without ``[unit]`` behind it.
+    """Return the points of a CSV file whose header names the parameters.
+
+    A ``[unit]`` behind a name is the one the values are in, such as ``K2 [MN/m]``; without it they are in the
+    parameter's own.
 
     Raises
     ------
     ModelError
-        When there is no such file, or a field is not a number: the message names its line.
+        When there is no such file, a parameter has two columns, or a field is not a number: the message names its
+        line.
     """
     if not Path(path).is_file():
         raise ModelError(f"no file {str(path)!r} with points.")
@@ -140,7 +161,11 @@ def from_csv(path: str | Path) -> Points:
         raise ModelError(f"{str(path)!r} cannot be read as text in UTF-8: {error}.") from error
     with StringIO(text, newline="") as file:
         reader = csv.reader(file)
-        names = [cell.partition("[")[0].strip() for cell in next(reader, [])]
+        header = [re.fullmatch(r"\s*([^\[]*?)\s*(?:\[(.*)\]\s*)?", cell) for cell in next(reader, [])]
+        names = [found[1] if found else "" for found in header]
+        units = {found[1]: found[2].strip() for found in header if found and found[2] is not None}
+        if twice := [n for n in dict.fromkeys(names) if names.count(n) > 1]:
+            raise ModelError(f"{path}, line 1: {', '.join(map(repr, twice))} has more than one column; leave one.")
         rows = []
         for cells in reader:
             try:
@@ -150,7 +175,7 @@ def from_csv(path: str | Path) -> Points:
                     f"{path}, line {reader.line_num}: got {', '.join(cells)}; give {len(names)} numbers, one for each "
                     f"of {', '.join(names)}."
                 ) from None
-    return listed(rows)
+    return replace(listed(rows), units=units)
 
 
 def around(system: System, share: float, names: Sequence[str] | None = None) -> dict[str, tuple[float, float]]:
@@ -188,9 +213,8 @@ def latin_hypercube(distributions: Mapping[str, Any], count: int, seed: int = 0)
     """
     from scipy.stats import qmc
 
-    return _mapped(
-        distributions, qmc.LatinHypercube(len(distributions), rng=_seed(seed)).random(_count(count)), "lhs", seed
-    )
+    number = _count(distributions, count)
+    return _mapped(distributions, qmc.LatinHypercube(len(distributions), rng=_seed(seed)).random(number), "lhs", seed)
 
 
 def sobol(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points:
@@ -206,8 +230,9 @@ def sobol(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Points
     """
     from scipy.stats import qmc
 
-    exponent = int(np.ceil(np.log2(_count(count))))
-    cube = qmc.Sobol(len(distributions), rng=_seed(seed)).random_base2(exponent)[:count]
+    number = _count(distributions, count)
+    exponent = int(np.ceil(np.log2(number)))
+    cube = qmc.Sobol(len(distributions), rng=_seed(seed)).random_base2(exponent)[:number]
     return _mapped(distributions, cube, "sobol", seed)
 
 
@@ -221,7 +246,7 @@ def random(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Point
     count : int
     seed : int
     """
-    cube = np.random.default_rng(_seed(seed)).random((_count(count), len(distributions)))
+    cube = np.random.default_rng(_seed(seed)).random((_count(distributions, count), len(distributions)))
     return _mapped(distributions, cube, "random", seed)
 
 
@@ -241,11 +266,12 @@ def saltelli(distributions: Mapping[str, Any], count: int, seed: int = 0) -> Poi
     A. Saltelli et al., Computer Physics Communications 181 (2010) 259-270; as implemented by SALib.
     """
     sampler = required("SALib.sample.sobol")
-    if _count(count) & (count - 1):
-        raise ModelError(f"saltelli: count = {count}; give a power of two, such as {2 ** int(np.log2(count) + 1)}.")
+    number = _count(distributions, count)
+    if number & (number - 1):
+        raise ModelError(f"saltelli: count = {count}; give a power of two, such as {2 ** int(np.log2(number) + 1)}.")
     k = len(distributions)
     problem = {"num_vars": k, "names": list(distributions), "bounds": [[0.0, 1.0]] * k}
-    cube = sampler.sample(problem, count, calc_second_order=False, seed=_seed(seed))
+    cube = sampler.sample(problem, number, calc_second_order=False, seed=_seed(seed))
     return _mapped(distributions, cube, "saltelli", seed)
 
 
@@ -255,7 +281,10 @@ def _seed(seed: int) -> int:
     return int(seed)
 
 
-def _count(count: int) -> int:
+def _count(distributions: Mapping[str, Any], count: float) -> int:
+    """Return a number of points, of at least one parameter, as an integer."""
+    if not distributions:
+        raise ModelError("points: no parameter; give the range or distribution of at least one.")
     if not isinstance(count, int | float | np.number) or not 1 <= count < np.inf or count != int(count):
         raise ModelError(f"points: count = {count!r}; give a whole number of at least 1.")
     return int(count)
@@ -263,8 +292,6 @@ def _count(count: int) -> int:
 
 def _mapped(distributions: Mapping[str, Any], cube: Array, kind: str, seed: int) -> Points:
     """Return the points of the unit cube through the quantile functions."""
-    if not distributions:
-        raise ModelError(f"{kind}: no parameter; give the range or distribution of at least one.")
     columns = [
         np.asarray(distribution(name, d).ppf(np.clip(u, INSIDE, 1 - INSIDE)), dtype=float)
         for (name, d), u in zip(distributions.items(), cube.T, strict=True)

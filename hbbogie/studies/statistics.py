@@ -120,8 +120,8 @@ def exceedance(values: ArrayLike, threshold: float, above: bool = True, confiden
     Parameters
     ----------
     values : array_like, shape (N,)
-        Independent samples; those that are NaN are left out. For samples that fill space more evenly (Latin
-        hypercube, Sobol sequence) the interval is wider than need be.
+        Independent samples; those that are NaN are left out, infinite ones count. For samples that fill space more
+        evenly (Latin hypercube, Sobol sequence) the interval is wider than need be.
     threshold : float, unit of the values
     above : bool
     confidence : float, dimensionless
@@ -134,7 +134,7 @@ def exceedance(values: ArrayLike, threshold: float, above: bool = True, confiden
     from scipy.stats import binomtest
 
     v = np.asarray(values, dtype=float)
-    v = v[np.isfinite(v)]
+    v = v[~np.isnan(v)]
     if not len(v):
         raise ModelError("exceedance: there is no value.")
     count = int(np.count_nonzero(v > threshold if above else v < threshold))

@@ -110,7 +110,7 @@ def sweep(
     if limit is not None:
         task = replace(task, limit=positive("limit", limit, "s"))
     system, function = task.system(), task.function
-    chosen.check(system)
+    chosen = chosen.of_system(system)
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:
         raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
     if workers is not None and (not isinstance(workers, int) or workers < 0):

@@ -168,7 +168,12 @@ class Outcome:
 
 def failure(point: int, reason: str, seconds: float = float("nan"), worker: str = "") -> Outcome:
     """Return the outcome of a point that has no answer."""
-    return Outcome(point, {}, reason, True, seconds, worker)
+    return Outcome(point, {}, _encodable(reason), True, seconds, worker)
+
+
+def _encodable(text: str) -> str:
+    """Return a text with what no file can hold, such as bytes of a file name that are no text, as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 @functools.lru_cache(maxsize=2)
@@ -234,7 +239,7 @@ def _checked(returned: Any, inputs: Mapping[str, float]) -> tuple[dict[str, Any]
     if not isinstance(failed, bool | np.bool_):
         raise ModelError(f"the job returned failed = {failed!r}; give True or False, or rename the output.")
     check_names(outputs, inputs)
-    return {name: _plain(name, value) for name, value in outputs.items()}, status, bool(failed)
+    return {name: _plain(name, value) for name, value in outputs.items()}, _encodable(status), bool(failed)
 
 
 def check_names(outputs: Iterable[Any], inputs: Iterable[str]) -> None:
@@ -242,6 +247,11 @@ def check_names(outputs: Iterable[Any], inputs: Iterable[str]) -> None:
     for name in outputs:
         if not isinstance(name, str):
             raise ModelError(f"the job returned an output named {name!r}; a name is text.")
+        if name in ("", ".") or "/" in name or not name.isprintable():
+            raise ModelError(
+                f"the job returned an output named {name!r}, which NetCDF cannot hold; rename it, with letters, digits "
+                "and underscores."
+            )
         if name in inputs or name in RESERVED:
             what = "an input" if name in inputs else "what every study has besides its outputs"
             raise ModelError(f"the job returned an output {name!r}, which is the name of {what}; rename the output.")
@@ -250,7 +260,7 @@ def check_names(outputs: Iterable[Any], inputs: Iterable[str]) -> None:
 def _plain(name: str, value: Any) -> float | str | None:
     """Return an output as a number or text; NaN becomes None, which JSON knows."""
     if value is None or isinstance(value, str):
-        return value
+        return value if value is None else _encodable(value)
     try:
         number = float(value)
     except (TypeError, ValueError):
