@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -67,15 +68,16 @@ def run(
     from hbbogie import report
     from hbbogie.studies.study import load_study
     from hbbogie.studies.sweep import sweep
-    from hbbogie.terminal import INTERRUPTED, deliver, print_error
+    from hbbogie.terminal import INTERRUPTED, deliver, print_error, stdout_aside
 
-    wanted = load_study(file, points)
+    with stdout_aside():
+        wanted = load_study(file, points)
     path = store or _default_store(wanted.path, points)
     if output is not None:
         report.check_directory(output)
     keywords: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "resume": resume}
     try:
-        with _progress() as progress:
+        with _progress() as progress, stdout_aside():
             data = sweep(
                 wanted.job,
                 wanted.points,
@@ -90,9 +92,12 @@ def run(
                 **keywords,
             )
     except KeyboardInterrupt:
-        again = " ".join(["hbbogie study run", file, *([f"--points {points}"] if points else [])])
-        again += f" --store {store}" if store else ""
-        message = f"stopped. {_state(path)} are in {path}; go on with: {again} --resume"
+        given: dict[str, Any] = {"points": points, "store": store, "workers": workers, "scheduler": scheduler}
+        given |= {"limit": limit, "output": output}
+        again = ["hbbogie", "study", "run", file]
+        for name, value in given.items():
+            again += [] if value is None else [f"--{name}", str(value)]
+        message = f"stopped. {_state(path)} are in {path}; go on with: {shlex.join([*again, '--resume'])}"
         print_error(message, as_json, "Interrupted")
         raise typer.Exit(INTERRUPTED) from None
     found = _reported(data, wanted)

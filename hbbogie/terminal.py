@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,6 +113,20 @@ def progress_shown() -> Iterator[Callable[[str, float | None], None]]:
             bar.update(task, description=message, completed=fraction)
 
         yield show
+
+
+@contextmanager
+def stdout_aside() -> Iterator[None]:
+    """Send to standard error what is printed meanwhile, also by native code and by processes that are started."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def print_table(table: Table, out: Console) -> None:

@@ -73,6 +73,12 @@ def swallowing(system, raising=True):
                 raise NotImplementedError("Wrong number or type of arguments") from None
     return {"y": system.values["k"]}
 
+def noisy(system, folder="."):
+    print("printed")
+    os.system("echo printed by another process")
+    os.chdir(folder)
+    return {"y": system.values["k"]}
+
 def named(system, name="point", value=1.0):
     return {name: value}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import signal
 import sys
 from pathlib import Path
@@ -72,7 +73,7 @@ def test_interruption_says_how_to_resume(tmp_path):
     run.send_signal(signal.SIGINT)
     out, err = run.communicate(timeout=60)
     assert run.returncode == 130 and out == "" and "Traceback" not in err
-    assert "stopped." in err and f"hbbogie study run {path} --resume" in err
+    assert "stopped." in err and f"hbbogie study run {path} --workers 2 --resume" in err
     done = finished(tmp_path / "products.db")
     assert 4 <= done < 40 and f"{done} of 40 points" in err
     result = call("run", path, "--workers", 0, "--resume")
@@ -89,7 +90,37 @@ def test_second_interruption_drops_what_hangs(tmp_path):
     assert any("again to drop them" in line for line in iter(run.stderr.readline, ""))
     run.send_signal(signal.SIGINT)
     _, err = run.communicate(timeout=30)
-    assert run.returncode == 130 and "Traceback" not in err and f"hbbogie study run {path} --resume" in err
+    assert run.returncode == 130 and "Traceback" not in err and f"hbbogie study run {path} --workers 2 --resume" in err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+def test_how_to_resume_repeats_what_was_given(tmp_path):
+    path = write_study(tmp_path, wait=0.05)
+    given = ["--store", "my store.db", "--workers", "0", "--limit", "5.0", "--output", "my report"]
+    run = process("hbbogie", "study", "run", path, *given, cwd=tmp_path)
+    wait_for(lambda: finished(tmp_path / "my store.db") >= 4, "four points")
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    again = shlex.split(err.partition("go on with: ")[2])
+    assert run.returncode == 130 and sorted(again) == sorted(["hbbogie", "study", "run", str(path), *given, "--resume"])
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_job_that_prints_and_goes_elsewhere(tmp_path, workers):
+    """Standard output holds one JSON document, and files are where they were asked for."""
+    path = write_study(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    text = (
+        STUDY.format(wait=0.0).replace(":product", ":noisy").replace("wait = 0.0", f'folder = "{tmp_path}/elsewhere"')
+    )
+    path.write_text(text)
+    run = process("hbbogie", "study", "run", path.name, "--workers", workers, "-o", "out", "--json", cwd=tmp_path)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 0, err
+    assert "40 of 40 finished" in dict(json.loads(out)["tables"][0]["rows"])["points"]
+    assert "printed\n" in err and "printed by another process" in err
+    assert (tmp_path / "out" / "products.html").exists() and finished(tmp_path / "products.db") == 40
+    assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
 @pytest.mark.parametrize(

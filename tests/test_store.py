@@ -334,8 +334,39 @@ except hb.ModelError as error:
     print(error)
 """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert "the disk is full" in out.stdout, out.stderr
-    assert not store.exists()
+    assert "the disk is full" in out.stdout and "finished before" not in out.stdout, out.stderr
+    assert not {p.name for p in tmp_path.iterdir() if p.name.startswith("s.db")} - {"s.db.lock"}
+
+
+@unix
+def test_full_disk_leaves_no_part_of_an_export(tmp_path):
+    """And what was there before stays."""
+    write_study(tmp_path)
+    names = {f"out.{ending}" for ending in ("nc", "csv", "parquet", "html")}
+    for name in names:
+        (tmp_path / name).write_text("before")
+    code = f"""
+import resource
+import hbbogie as hb
+from hbbogie import studies
+from hbbogie.studies.reporting import report_of, write_html
+points = studies.random({{"k": (1.0, 2.0), "c": (1.0, 2.0)}}, 1000)
+data = hb.sweep({f"{tmp_path}/jobs.py:product"!r}, points, problem={f"{tmp_path}/spring.py"!r}, workers=0)
+report = report_of(data, "full" * 2000)
+resource.setrlimit(resource.RLIMIT_FSIZE, (5_000, 5_000))
+for name in {names!r}:
+    try:
+        if name.endswith("html"):
+            write_html(report, {str(tmp_path)!r} + "/" + name)
+        else:
+            studies.export(data, {str(tmp_path)!r} + "/" + name)
+    except hb.ModelError as error:
+        print(error)
+"""
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert out.stdout.count("cannot write") == 4, out.stdout + out.stderr
+    assert {p.name for p in tmp_path.glob("out*")} == names
+    assert all((tmp_path / name).read_text() == "before" for name in names)
 
 
 def test_what_is_no_store(tmp_path):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,22 +114,48 @@ def export(data: xr.Dataset, path: str | Path) -> Path:
     Raises
     ------
     ModelError
-        For another ending, a directory that does not exist, or Parquet without pyarrow.
+        For another ending, a directory that does not exist, Parquet without pyarrow, or a file that cannot be written.
     """
     target = check_export(path)
-    if target.suffix == ".nc":
+    with replacing(target) as part:
+        _write(data, part, target.suffix)
+    return target
+
+
+@contextmanager
+def replacing(target: Path) -> Iterator[Path]:
+    """Give the name of a file to be written, which then takes the place of another; a failure leaves that as it was.
+
+    Raises
+    ------
+    ModelError
+        When it cannot be written.
+    """
+    part = target.with_name(f"{target.name}.part")
+    try:
+        yield part
+        part.replace(target)
+    except (OSError, RuntimeError) as error:  # of HDF5 the latter
+        raise ModelError(f"cannot write {str(target)!r}: {error}; make room, or give another place.") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _write(data: xr.Dataset, target: Path, ending: str) -> None:
+    """Write a dataset in the format that an ending says."""
+    if ending == ".nc":
         data.to_netcdf(target, engine="h5netcdf")
-        return target
+        return
     columns = {"point": data["point"].values}
     columns |= {n: data[n].values for n in (*names_of(data, "inputs"), *names_of(data, "outputs"), *OWN)}
     headers = {n: f"{n} [{data[n].attrs['units']}]" if data[n].attrs.get("units") else n for n in columns}
-    if target.suffix == ".csv":
+    if ending == ".csv":
         with open(target, "w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(headers.values())
             for row in zip(*(c.tolist() for c in columns.values()), strict=True):
                 writer.writerow(["" if isinstance(v, float) and v != v else v for v in row])
-        return target
+        return
     arrow, parquet = required("pyarrow"), required("pyarrow.parquet")
     fields = [
         arrow.field(n, arrow.array(c).type, metadata={"unit": data[n].attrs.get("units", "")})
@@ -136,4 +163,3 @@ def export(data: xr.Dataset, path: str | Path) -> Path:
     ]
     about = {name: str(value) for name, value in data.attrs.items()}
     parquet.write_table(arrow.table(list(map(arrow.array, columns.values())), arrow.schema(fields, about)), target)
-    return target

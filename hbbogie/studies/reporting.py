@@ -15,7 +15,7 @@ import numpy as np
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.figures import draw
 from hbbogie.report import Report
-from hbbogie.studies.dataset import names_of
+from hbbogie.studies.dataset import names_of, replacing
 from hbbogie.studies.statistics import Exceedance, exceedance, independent, prediction, sobol_indices, values_of
 from hbbogie.tables import Table, label
 
@@ -269,7 +269,8 @@ def write_html(report: Report, path: str | Path) -> Path:
         + "\n</body>\n</html>\n"
     )
     target = Path(path)
-    target.write_text(text, "utf-8")
+    with replacing(target) as part:
+        part.write_text(text, "utf-8")
     return target
 
 

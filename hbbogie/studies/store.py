@@ -91,7 +91,7 @@ class Store:
             return cls(target, connection, None)
         lock, part = _lock(target), Path(f"{target}.part")
         try:
-            part.unlink(missing_ok=True)
+            _remove(part)
             with closing(sqlite3.connect(part)) as connection:
                 _reserve(connection, max(LEAST, EACH * len(points)))
                 _fill(connection, points, content)
@@ -99,7 +99,7 @@ class Store:
             return cls(target, _connect(target), lock)
         except (sqlite3.Error, OSError) as error:
             _unlock(lock)
-            part.unlink(missing_ok=True)
+            _remove(part)
             raise _disk(target, error) from error
 
     @classmethod
@@ -280,6 +280,12 @@ def _reserve(connection: sqlite3.Connection, size: int) -> None:
     connection.commit()
 
 
+def _remove(part: Path) -> None:
+    """Remove what is there of a store that was not finished, and its journal."""
+    for path in (part, Path(f"{part}-journal")):
+        path.unlink(missing_ok=True)
+
+
 def _lock(path: Path) -> sqlite3.Connection:
     """Return the connection that holds a study's lock, a file beside it locked by SQLite, on every platform alike."""
     try:
@@ -319,7 +325,8 @@ def _disk(path: Path, error: sqlite3.Error | OSError) -> ModelError:
     ):
         reason = "it or its directory is read-only; give another place"
     elif "full" in text or "I/O" in text:
-        reason = "the disk is full or broken; make room. What was finished before is safe; go on with --resume"
+        safe = " What was finished before is safe; go on with --resume" if path.exists() else ""
+        reason = f"the disk is full or broken; make room.{safe}"
     else:
         reason = text
     return ModelError(f"cannot write the study {str(path)!r}: {reason} (SQLite: {text}).")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures as cf
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import chdir
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -124,7 +125,7 @@ def sweep(
             keep.forget_failed()
         describe_units(keep, system, function)
         try:
-            with runner_of(task, executor, workers, scheduler) as runner:
+            with chdir("."), runner_of(task, executor, workers, scheduler) as runner:  # a job may go elsewhere
                 drive(runner, keep, progress or silent)
         finally:
             describe_units(keep, system, function)
