@@ -402,7 +402,7 @@ def test_finished_store_is_one_file_that_can_be_read_anywhere(tmp_path):
 
 
 @unix
-def test_dask_cluster_that_loses_a_worker(tmp_path, truth):
+def test_dask_cluster_that_loses_a_worker_and_is_interrupted(tmp_path, truth):
     """A scheduler and two workers, started by hand on loopback; one of them is killed in the midst of it."""
     path, store, where = write_study(tmp_path, wait=0.1), tmp_path / "s.db", tmp_path / "scheduler.json"
     nothing = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
@@ -419,6 +419,14 @@ def test_dask_cluster_that_loses_a_worker(tmp_path, truth):
         cluster[1].kill()
         out, err = study.communicate(timeout=90)
         assert study.returncode == 0, err
+        slow = write_study(tmp_path, wait=0.5)
+        study = process("hbbogie", "study", "run", slow, "--store", tmp_path / "t.db", "--scheduler", address)
+        wait_for(lambda: finished(tmp_path / "t.db") >= 2, "two points")
+        before = finished(tmp_path / "t.db")
+        study.send_signal(signal.SIGINT)  # what runs comes down, what only waits for a worker is not begun
+        _, err = study.communicate(timeout=30)
+        assert study.returncode == 130 and f"--scheduler {address} --resume" in err
+        assert before < finished(tmp_path / "t.db") < 16
     finally:
         for one in cluster[::-1]:
             one.kill()

@@ -6,16 +6,18 @@ import concurrent.futures as cf
 import multiprocessing
 import os
 import sys
+import threading
 import time
+import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from hbbogie.errors import ModelError
 from hbbogie.processes import cores, kill_workers, one_thread_each, starting
 from hbbogie.studies.optional import required
-from hbbogie.studies.tasks import Outcome, Task, run_point, start_worker
+from hbbogie.studies.tasks import Outcome, Task, run_point, start_worker, stop_study
 
 EVERY_CLUSTER = 2.0  # s between two looks at the workers of a cluster
 AHEAD = 16  # points in flight on a cluster, at least
@@ -66,8 +68,20 @@ class _Cluster(Runner):
     """Submits points to the workers of a Dask scheduler, which come and go."""
 
     def __init__(self, payload: bytes | Task, client: Any):
-        self.client, self.looked = client, 0.0
+        self.client, self.looked, self.study = client, 0.0, uuid.uuid4().hex
         super().__init__(payload, client.get_executor(), AHEAD)
+
+    def _submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
+        return self.executor.submit(run_point, self.payload, point, values, self.study)
+
+    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+        """Begin no further point; the workers are told, as Dask gives up also running points that are cancelled."""
+
+        def tell() -> None:
+            with suppress(Exception):  # also of a client that has been closed meanwhile
+                self.client.run(stop_study, self.study, on_error="ignore")
+
+        threading.Thread(target=tell, daemon=True).start()  # answered when the worker's interpreter is free
 
     def room(self) -> int:
         """Return how many points may be in flight: several for each thread of the workers there are now."""

@@ -183,7 +183,7 @@ def _ready(payload: bytes | Task) -> tuple[System, Callable[..., Outputs], dict[
     return task.system(), task.function, dict(task.options), task.limit
 
 
-def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) -> Outcome:
+def run_point(payload: bytes | Task, point: int, values: Mapping[str, float], study: str = "") -> Outcome:
     """Do the job at one point; whatever goes wrong becomes an outcome.
 
     Parameters
@@ -193,13 +193,15 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float]) ->
     point : int
     values : mapping from name to float
         Parameter values, in the unit of each.
+    study : str
+        What `stop_study` calls the study.
 
     Raises
     ------
     concurrent.futures.CancelledError
         In a worker that is to begin no further point.
     """
-    if any(stop.is_set() for stop in _stops):
+    if study in _stopped or any(stop.is_set() for stop in _stops):
         raise CancelledError
     start, worker = time.perf_counter(), f"{platform.node()}:{os.getpid()}"
     limit: float | None = None
@@ -277,3 +279,11 @@ def start_worker(stop: Any) -> None:
     """Prepare a worker of the local pool; its parent sets the event ``stop`` at Ctrl-C."""
     _stops.append(stop)
     end_with_parent()
+
+
+_stopped: set[str] = set()  # in a worker of a cluster, which lives on: studies of which it begins no further point
+
+
+def stop_study(study: str) -> None:
+    """Begin no further point of a study in this process."""
+    _stopped.add(study)
