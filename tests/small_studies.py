@@ -62,6 +62,13 @@ def hanging(system):
         time.sleep(1000)
     return {"y": system.values["k"]}
 
+def stubborn(system):
+    """As helpers of CasADi do with what ends it."""
+    try:
+        time.sleep(1000)
+    except BaseException:
+        return {"y": 1.0}
+
 def swallowing(system, raising=True):
     """As helpers of CasADi do: Ctrl-C becomes another exception, or nothing."""
     if system.values["k"] == 3.0:

@@ -155,6 +155,25 @@ def test_a_process_that_ends_leaves_motions_undecided(bautin):
     assert ends.reason[0, 0] == "the process that followed it ended"
 
 
+class Hanging(_Job):
+    """A job that looks at nothing; Ctrl-C is pressed twice meanwhile."""
+
+    def run(self, i, x, stopped=None):
+        for _ in range(2):
+            os.kill(os.getppid(), signal.SIGINT)
+            time.sleep(1.0)  # else the two may be one
+        time.sleep(1000)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Ctrl-C cannot be sent to one process")
+def test_second_interruption_ends_what_hangs(bautin):
+    system = bautin.bautin()
+    place = outcomes.place_of(system, "mu", [], [])
+    with pytest.raises(KeyboardInterrupt):
+        _ends(Hanging(system, [place], [1.0], 256), np.ones((1, 2)), np.array([0.1, 0.2]), 2, silent)
+    assert not multiprocessing.active_children()
+
+
 def test_saved_and_loaded(sharp, tmp_path):
     sharp.save(tmp_path / "basin.nc")
     again = hb.results.Basin.load(tmp_path / "basin.nc")

@@ -13,14 +13,18 @@ import subprocess
 import sys
 import tempfile
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
+import casadi
 import numpy as np
+import pandas
 import pytest
 from small_studies import finished, process, wait_for, write_study
 
 import hbbogie as hb
 from hbbogie.studies.dataset import dataset_of, export
+from hbbogie.studies.fingerprints import options_text
 from hbbogie.studies.sampling import grid
 from hbbogie.studies.store import Store
 from hbbogie.studies.study import load_study
@@ -233,6 +237,23 @@ def test_changed_arrays_among_the_options_are_refused(tmp_path):
         other[place] += change
         with pytest.raises(hb.ModelError, match=r"other options of the job .*e\+00 \.\.\. .*\(hash"):
             go(other)
+
+
+def test_fingerprints_see_what_text_leaves_out():
+    @dataclass(frozen=True)
+    class Measured:
+        values: object
+
+    def measured(place, kind):
+        array = np.arange(3000.0)
+        array[place] = -1.0
+        return options_text({"weight": kind(array)})
+
+    for kind in (Measured, lambda a: {"deep": [a]}, casadi.DM, lambda a: a.astype(object), pandas.Series):
+        assert measured(1500, kind) == measured(1500, kind) != measured(1501, kind)
+    x = casadi.SX.sym("x")
+    assert options_text({"a": x**2}) == options_text({"a": x**2}) != options_text({"a": x**3})
+    assert options_text({"b": np.float64(2.5), "a": np.int64(3)}) == '{"a": 3, "b": 2.5}'
 
 
 def test_text_that_no_file_can_hold(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures as cf
 import functools
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -203,6 +204,8 @@ class TestSweep:
         data = sweep(folder, "hanging", {"k": [1.0, 3.0, 4.0, 3.0, 5.0]}, workers=workers, limit=1.0)
         assert data["failed"].values.tolist() == [False, True, False, True, False]
         assert str(data["status"].values[1]) == "the time limit of 1 s for a point is over"
+        data = sweep(folder, "stubborn", {"k": [1.0]}, workers=workers, limit=0.2)
+        assert str(data["status"].values[0]) == "the time limit of 0.2 s for a point is over"
         with pytest.raises(hb.ModelError, match="limit: got -1"):
             sweep(folder, "hanging", {"k": [1.0]}, limit=-1)
 
@@ -322,7 +325,7 @@ except hb.ModelError as error:
             sweep(folder, "product", points, **keywords)
 
     def test_an_executor_that_takes_nothing_any_more(self, folder):
-        finished, broken = cf.ThreadPoolExecutor(1), cf.ProcessPoolExecutor(1)
+        finished, broken = cf.ThreadPoolExecutor(1), cf.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
         finished.shutdown()
         with pytest.raises(cf.BrokenExecutor):
             broken.submit(os._exit, 1).result()

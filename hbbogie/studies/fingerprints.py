@@ -10,6 +10,7 @@ import json
 import platform
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import CellType
 from typing import Any
@@ -69,13 +70,26 @@ def code_of(value: Any, above: tuple[Any, ...] = ()) -> Any:
         return [inside(v) for v in value]
     if isinstance(value, dict):
         return [(inside(k), inside(v)) for k, v in value.items()]
-    if isinstance(value, np.ndarray):
-        content = repr(inside(value.tolist())).encode() if value.dtype.hasobject else value.tobytes()
-        return value.dtype.str, value.shape, hashlib.sha256(content).hexdigest()
+    array = _array(value)
+    if array is not None:
+        content = repr(inside(array.tolist())).encode() if array.dtype.hasobject else array.tobytes()
+        return array.dtype.str, array.shape, hashlib.sha256(content).hexdigest()
+    if is_dataclass(value) and not isinstance(value, type | System):
+        return type(value).__qualname__, [(f.name, inside(getattr(value, f.name))) for f in fields(value)]
     if isinstance(value, System):
         return problem_hash(value)
     # neither addresses nor the name that the running script has in worker processes
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value)).replace("__mp_main__", "__main__")
+
+
+def _array(value: Any) -> np.ndarray[Any, Any] | None:
+    """Return what is like an array, such as a data frame or a matrix of CasADi, as one, and None for anything else."""
+    if not hasattr(value, "__array__") or isinstance(value, np.generic | type):
+        return None
+    try:
+        return np.asarray(value)
+    except Exception:  # symbols
+        return None
 
 
 def versions() -> dict[str, str]:
