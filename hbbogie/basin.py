@@ -7,6 +7,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
@@ -320,11 +321,12 @@ def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers
     payload = pickle.dumps(job)
     pool = ProcessPoolExecutor(workers, context, _begin, (stop,))
     with one_thread_each(), interruptions() as pressed, pool:
+        futures: dict[Future[Ends], int] = {}
         waiting: set[Future[Ends]] = set()
         try:
-            tasks = enumerate(zip(at, starts, strict=True))
-            with starting():
-                futures = {pool.submit(_task, payload, i, x): k for k, (i, x) in tasks}
+            with starting(), suppress(BrokenProcessPool):  # while a process may end already
+                for k, (i, x) in enumerate(zip(at, starts, strict=True)):
+                    futures[pool.submit(_task, payload, i, x)] = k
             waiting |= set(futures)
             while waiting and not pressed():
                 finished, waiting = wait(waiting, LOOK, FIRST_COMPLETED)
