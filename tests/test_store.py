@@ -363,7 +363,7 @@ except hb.ModelError as error:
 def test_full_disk_leaves_no_part_of_an_export(tmp_path):
     """And what was there before stays."""
     write_study(tmp_path)
-    names = [f"out.{ending}" for ending in ("csv", "html", "parquet", "nc")]
+    names = [f"out.{ending}" for ending in ("nc", "csv", "parquet", "html")]
     for name in names:
         (tmp_path / name).write_text("before")
     code = f"""
@@ -385,7 +385,7 @@ for name in {names!r}:
         print(error)
 """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert out.stdout.count("cannot write") == 4, out.stdout + out.stderr
+    assert out.returncode == 0 and out.stdout.count("cannot write") == 4, out.stdout + out.stderr
     assert {p.name for p in tmp_path.glob("out*")} == set(names)
     assert all((tmp_path / name).read_text() == "before" for name in names)
 

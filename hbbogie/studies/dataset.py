@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMATS = (".nc", ".csv", ".parquet")
+HDF5_ROOM = 4096  # bytes that a variable of a NetCDF file may need besides its data
 OWN = ("status", "failed", "seconds", "worker", "finished")  # what every study has besides its outputs
 
 
@@ -144,6 +145,9 @@ def replacing(target: Path) -> Iterator[Path]:
 def _write(data: xr.Dataset, target: Path, ending: str) -> None:
     """Write a dataset in the format that an ending says."""
     if ending == ".nc":
+        target.write_bytes(
+            bytes(HDF5_ROOM + 2 * data.nbytes)
+        )  # HDF5 crashes where the disk is full: see that it is not
         data.to_netcdf(target, engine="h5netcdf")
         return
     columns = {"point": data["point"].values}
