@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+INSIST = 1.0  # s after which a KeyboardInterrupt that was lost is raised again
 LOOK = 0.2  # s between two looks for Ctrl-C while waiting for other processes
 
 
@@ -86,6 +87,23 @@ def kill_workers(pool: ProcessPoolExecutor) -> None:
         process.kill()
 
 
+def _again(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _insist() -> None:
+    """Raise `KeyboardInterrupt` again each second, in case it is lost; a limit of time that runs does as well."""
+    if hasattr(signal, "setitimer") and not signal.getitimer(signal.ITIMER_REAL)[0]:
+        signal.signal(signal.SIGALRM, _again)
+        signal.setitimer(signal.ITIMER_REAL, INSIST, INSIST)
+
+
+def _desist() -> None:
+    if hasattr(signal, "setitimer") and signal.getsignal(signal.SIGALRM) is _again:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+
+
 class _Presses:
     """Handler that counts how often Ctrl-C is pressed, and raises `KeyboardInterrupt` besides where that is asked."""
 
@@ -95,6 +113,7 @@ class _Presses:
     def __call__(self, number: int, frame: object) -> None:
         self.pressed.append(number)
         if self.raising:
+            _insist()
             raise KeyboardInterrupt
 
 
@@ -104,8 +123,8 @@ def interruptions(raising: bool = False) -> Iterator[Callable[[], int]]:
 
     Raised inside the machinery of an executor, or just before the block that cleans up, that exception leaves locks
     held and processes running. Raised inside CasADi it may be lost, or become another one; hence the count, which goes
-    on from that of a block around this one. Outside the main thread, where no signal arrives, and where Ctrl-C is
-    ignored, the count stays zero.
+    on from that of a block around this one, and hence it is raised again each second until this block ends. Outside
+    the main thread, where no signal arrives, and where Ctrl-C is ignored, the count stays zero.
 
     Parameters
     ----------
@@ -123,6 +142,8 @@ def interruptions(raising: bool = False) -> Iterator[Callable[[], int]]:
     try:
         yield lambda: len(pressed)
     finally:
+        if raising:
+            _desist()
         signal.signal(signal.SIGINT, before)
 
 

@@ -205,6 +205,29 @@ def test_wrong_usage_is_json_too():
     assert run.returncode == 2 and "--nonsense" in json.loads(out)["error"] and "--nonsense" in err
 
 
+LOST = """
+import os, signal, time
+from hbbogie.processes import interruptions
+with interruptions(raising=True) as pressed:
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(50)
+    except KeyboardInterrupt:
+        pass  # as CasADi's conversions of arguments do
+    try:
+        time.sleep(50)
+    except KeyboardInterrupt:
+        print("raised again", pressed())
+time.sleep(1.5)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such timer")
+def test_an_interruption_that_is_lost_comes_again():
+    run = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "raised again 1\n", "")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
 def test_interruption():
     run = process("simulate", "yang1995", "--duration", "1e4")
