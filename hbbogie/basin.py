@@ -10,7 +10,6 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +21,15 @@ from hbbogie.errors import ConvergenceError, ModelError
 from hbbogie.integration import initial_state, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.outcomes import Ends, Place, follow, place_of, states_of, steps_for
-from hbbogie.processes import LOOK, end_with_parent, interruptions, kill_workers, one_thread_each, starting
+from hbbogie.processes import (
+    LOOK,
+    interruptions,
+    kill_workers,
+    one_thread_each,
+    start_worker,
+    starting,
+    told_to_stop,
+)
 from hbbogie.results import Basin, Branch, Orbit
 from hbbogie.settled import distinct
 from hbbogie.system import System
@@ -293,14 +300,6 @@ def _in_turn(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int
         yield k, job.run(i, x)
 
 
-_stops: list[Any] = []  # in a worker process: the event that ends it
-
-
-def _begin(stop: Any) -> None:
-    end_with_parent()
-    _stops.append(stop)
-
-
 @functools.lru_cache(maxsize=1)
 def _unpacked(payload: bytes) -> _Job:
     job: _Job = pickle.loads(payload)
@@ -308,9 +307,9 @@ def _unpacked(payload: bytes) -> _Job:
 
 
 def _task(payload: bytes, i: int, x: Array) -> Ends:
-    if _stops[0].is_set():
+    if told_to_stop():
         raise CancelledError
-    return _unpacked(payload).run(i, x, _stops[0].is_set)
+    return _unpacked(payload).run(i, x, told_to_stop)
 
 
 def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int) -> Iterator[tuple[int, Ends]]:
@@ -319,7 +318,7 @@ def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers
     stop = context.Event()
     # with each task: what is handed over at the start of a process blocks this one when that ends before it has read
     payload = pickle.dumps(job)
-    pool = ProcessPoolExecutor(workers, context, _begin, (stop,))
+    pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
     with one_thread_each(), interruptions() as pressed, pool:
         futures: dict[Future[Ends], int] = {}
         waiting: set[Future[Ends]] = set()

@@ -7,7 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
@@ -40,7 +40,7 @@ def one_thread_each() -> Iterator[None]:
 def starting() -> Iterator[None]:
     """Let processes started meanwhile not hear Ctrl-C, of which they would die in their imports; here it comes after.
 
-    They inherit that the signal is blocked, and call `end_with_parent` when they can.
+    They inherit that the signal is blocked, and call `start_worker` when they can.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -64,10 +64,14 @@ def starting() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def end_with_parent() -> None:
-    """Let this worker process end as soon as the one that started it does, and leave Ctrl-C to that."""
+_stops: list[Any] = []  # in a worker process: the event at which it is to stop
+
+
+def start_worker(stop: Any) -> None:
+    """Prepare a worker process: it ends as soon as its parent does, and leaves Ctrl-C to that, which sets ``stop``."""
     import multiprocessing
 
+    _stops.append(stop)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -79,6 +83,11 @@ def end_with_parent() -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def told_to_stop() -> bool:
+    """Tell whether this is a worker process whose parent has set the event given to `start_worker`."""
+    return any(stop.is_set() for stop in _stops)
 
 
 def kill_workers(pool: ProcessPoolExecutor) -> None:

@@ -40,7 +40,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
         When a motion goes on without settling, or settles on a cycle that the harmonics kept do not
         resolve: then "no cycle" would be a guess. Its ``orbit`` is that motion.
     """
-    system = equations.system
+    system, H = equations.system, (equations.coefficients.size1_out(0) - 1) // 2
     line = Linearisation(system, parameter)
     value = line.p[line.place]
     rest, (_, vectors) = line.equilibrium(value), line.eigen(value)
@@ -59,7 +59,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
             open_questions.append(settled.status)
         if settled.kind != "cycle":
             continue
-        guess = last_orbit(system, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2, moving)
+        guess = last_orbit(system, settled.trajectory, H, moving)
         try:
             found.append(_near(equations, guess))
         except ConvergenceError as error:
@@ -71,7 +71,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     before = backwards(system)
     for settled in _settled(before, starts, moving):
         if settled.kind == "cycle":
-            guess = last_orbit(before, settled.trajectory, (equations.coefficients.size1_out(0) - 1) // 2, moving)
+            guess = last_orbit(before, settled.trajectory, H, moving)
             c = guess.coefficients.copy()
             c[2::2] *= -1  # of the sines
             with suppress(ConvergenceError):

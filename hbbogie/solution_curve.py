@@ -12,11 +12,10 @@ from scipy.optimize import brentq
 
 from hbbogie.equations import Equations
 from hbbogie.results import Orbit
-from hbbogie.rootfinding import Conditions, Problem
+from hbbogie.rootfinding import ROUND_OFF, Conditions, Problem
 
 Array = NDArray[np.float64]
 ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another branch
-ROUND_OFF = 1e-4  # share of the tolerance that needs no further step
 FARTHEST = 2.0  # largest correction of an unknown, scaled: beyond lies another branch or nonsense
 
 

@@ -89,13 +89,15 @@ class Assembly:
         ramps = [ca.mtimes(G, w) for w, G, _, _ in gains]
         return ca.horzcat(*ramps, self.sampling.coefficients(z, p))
 
-    def _first_stage_jacobian(self, z: ca.MX, p: ca.MX, gains: Gains, free: tuple[int, ...]) -> ca.MX:
-        """Return the derivative of vec(`_first_stage`) with respect to (z, p[free])."""
+    def _first_stage_jacobian(
+        self, z: ca.MX, p: ca.MX, gains: Gains, free: tuple[int, ...]
+    ) -> tuple[ca.MX, list[ca.MX]]:
+        """Return the derivatives of vec(`_first_stage`) and of each ramp's input with respect to (z, p[free])."""
         W = ca.vertsplit(self._input_slopes(free)(z, p), self.inputs.size1_out(0)) if gains else []
         blocks = [ca.mtimes(G, slope) for (_, G, _, _), slope in zip(gains, W, strict=True)]
         if self.layout.parts.remainder_rows:
             blocks.append(self.sampling.jacobian(z, p, free))
-        return ca.vertcat(*blocks) if blocks else ca.MX(0, self.layout.size + len(free))
+        return ca.vertcat(*blocks) if blocks else ca.MX(0, self.layout.size + len(free)), W
 
     def _input_slopes(self, free: tuple[int, ...]) -> ca.Function:
         """Return (z, p) -> derivative of all ramps' inputs, one below the other, with respect to (z, p[free])."""
@@ -250,7 +252,7 @@ class Assembly:
         z, p = self._mx()
         gains = self._gains(z, p)
         F, J, J_c = first(z, p, self._first_stage(z, p, gains))
-        J = J + ca.mtimes(J_c, self._first_stage_jacobian(z, p, gains, free))
+        J = J + ca.mtimes(J_c, self._first_stage_jacobian(z, p, gains, free)[0])
         return ca.Function("dF", [z, p], [ca.densify(F), ca.densify(J)], ["z", "p"], ["F", "J"])
 
     def _lagrangian(self) -> tuple[list[ca.SX], ca.SX]:
@@ -301,9 +303,9 @@ class Assembly:
         c = self._first_stage(z, p, gains)
         pull_c = self._pulls()(z, p, multipliers)
         H, H_c = second(z, p, c, multipliers, self._pulled(gains, pull_c))
-        cross = ca.mtimes(H_c.T, self._first_stage_jacobian(z, p, gains, free))
+        c_y, W = self._first_stage_jacobian(z, p, gains, free)
+        cross = ca.mtimes(H_c.T, c_y)
         H = H + cross + cross.T
-        W = ca.vertsplit(self._input_slopes(free)(z, p), self.inputs.size1_out(0)) if gains else []
         for i, (slope, (_, _, times, weights)) in enumerate(zip(W, gains, strict=True)):
             Q = self.ramp.curvature(times, weights, pull_c[:, i])
             H = H + ca.mtimes(slope.T, ca.mtimes(Q, slope))  # the contact times move with w (eq-contact-hessian)

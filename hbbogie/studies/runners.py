@@ -15,9 +15,9 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from hbbogie.errors import ModelError
-from hbbogie.processes import cores, kill_workers, one_thread_each, starting
+from hbbogie.processes import cores, kill_workers, one_thread_each, start_worker, starting
 from hbbogie.studies.optional import required
-from hbbogie.studies.tasks import Outcome, Task, run_point, start_worker, stop_study
+from hbbogie.studies.tasks import Outcome, Task, run_point, stop_study
 
 EVERY_CLUSTER = 2.0  # s between two looks at the workers of a cluster
 AHEAD = 16  # points in flight on a cluster, at least

@@ -21,7 +21,7 @@ import numpy as np
 
 from hbbogie.errors import ModelError
 from hbbogie.problem import load_problem, system_of
-from hbbogie.processes import TimeLimit, end_with_parent, limited
+from hbbogie.processes import TimeLimit, limited, told_to_stop
 from hbbogie.studies.fingerprints import code_of, digest, options_text, problem_hash, source_of, versions
 from hbbogie.studies.jobs import JOBS, Outputs, job_function
 from hbbogie.system import System
@@ -201,7 +201,7 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float], st
     concurrent.futures.CancelledError
         In a worker that is to begin no further point.
     """
-    if study in _stopped or any(stop.is_set() for stop in _stops):
+    if study in _stopped or told_to_stop():
         raise CancelledError
     start, worker = time.perf_counter(), f"{platform.node()}:{os.getpid()}"
     limit: float | None = None
@@ -270,15 +270,6 @@ def _plain(name: str, value: Any) -> float | str | None:
             f"the job returned {name!r} of type {type(value).__name__}; return numbers and text only."
         ) from None
     return None if number != number else number
-
-
-_stops: list[Any] = []  # in a worker of the local pool: the event at which it begins no further point
-
-
-def start_worker(stop: Any) -> None:
-    """Prepare a worker of the local pool; its parent sets the event ``stop`` at Ctrl-C."""
-    _stops.append(stop)
-    end_with_parent()
 
 
 _stopped: set[str] = set()  # in a worker of a cluster, which lives on: studies of which it begins no further point
