@@ -17,10 +17,16 @@ from PIL import Image
 
 import hbbogie as hb
 from hbbogie import plot
-from hbbogie.comparison_report import comparison_of
-from hbbogie.design_report import design_of
-from hbbogie.report import Report, figures_of_paper, identification, study
-from hbbogie.time_domain import basin_of, ramp_of
+from hbbogie.reports import (
+    Report,
+    basin_of,
+    comparison_of,
+    design_of,
+    figures_of_paper,
+    identification,
+    ramp_of,
+    run_of,
+)
 
 IMAGES = Path(__file__).parent / "images"
 COLOURS = 256  # of the palette: a third of the size, and no difference to be seen
@@ -54,7 +60,7 @@ def stop_branch() -> Figure:
         x = hb.Coordinate("x", "m")
         d, e = hb.Parameter("d", -0.2, "N s/m"), hb.Parameter("e", 0.1, "N s3/m3")
         gap = hb.Parameter("gap", 0.5, "m", bounds=(1e-6, 10.0))
-        stop = hb.Element("stop", hb.DeadBand(stiffness=k, gap=gap), x)
+        stop = hb.Element("stop", hb.model.DeadBand(stiffness=k, gap=gap), x)
         system = hb.System("caught", [x], [d, e, gap], [x.ddot + d * x.dot + e * x.dot**3 + x + stop], [stop])
         (hopf,) = hb.hopf_points(system, "d", (-0.3, 0.1))
         balance = hb.HarmonicBalance(31).equations(system)
@@ -119,7 +125,7 @@ def attraction() -> Figure:
     figure, ((ax,),) = plot.panels(1, 1)
     with plot.style():
         for cycle, colour in zip(hb.find_cycles(bogie, V=90.0), ("#D55E00", "#0072B2"), strict=True):
-            found = hb.measure_attraction(bogie, cycle)
+            found = hb.attraction.measure_attraction(bogie, cycle)
             k = np.arange(len(found.shares))
             verdict, size = cycle.stability.verdict, abs(found.predicted)
             ax.semilogy(k, np.abs(found.shares), "o", color=colour, label=f"{verdict} cycle, simulated")
@@ -159,7 +165,7 @@ def main(wanted: list[str]) -> None:
             save(draw(), draw.__name__)
     module = hb.load_problem("yang1995")
     jobs: tuple[tuple[Callable[..., Report], tuple[str, ...]], ...] = (
-        (study, ("bifurcation", "frequency", "multipliers", "harmonics", "orbits_90", "spectrum_90")),
+        (run_of, ("bifurcation", "frequency", "multipliers", "harmonics", "orbits_90", "spectrum_90")),
         (figures_of_paper, tuple(f"figure_{n}" for n in range(2, 7))),
         (comparison_of, ("comparison",)),
         (identification, ("misfit",)),

@@ -1,6 +1,6 @@
 """Run the command line as ``python -m hbbogie``."""
 
-from hbbogie.cli import main
+from hbbogie.commandline.main import main
 
 if __name__ == "__main__":
     main()

@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 if TYPE_CHECKING:
-    from hbbogie.results import Orbit
+    pass
 
 
 class ModelError(ValueError):
     """The model, a parameter or an argument is not acceptable."""
-
-
-class ConvergenceError(RuntimeError):
-    """A solve did not converge.
-
-    Attributes
-    ----------
-    orbit : Orbit or None
-        The last iterate.
-    statistics : dict
-        What the solver counted: iterations, residual norm, return status, active bounds,
-        worst equation.
-    """
-
-    def __init__(self, message: str, orbit: Orbit | None = None, statistics: Mapping[str, Any] | None = None):
-        super().__init__(message)
-        self.orbit = orbit
-        self.statistics = dict(statistics or {})
 
 
 def unknown_name(kind: str, got: str, allowed: Iterable[str]) -> str:
@@ -39,3 +23,16 @@ def unknown_name(kind: str, got: str, allowed: Iterable[str]) -> str:
     close = get_close_matches(got, names, n=1, cutoff=0.5) or get_close_matches(got.casefold(), folded, n=1, cutoff=0.5)
     hint = f" Did you mean {folded.get(close[0].casefold(), close[0])!r}?" if close else ""
     return f"unknown {kind} {got!r}.{hint} Allowed: {', '.join(names) or '(none)'}."
+
+
+def positive(name: str, value: float, unit: str) -> float:
+    """Return the value as a number; raise `ModelError` unless it is finite and above 0."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not (np.isfinite(number) and number > 0):
+        raise ModelError(
+            f"{name}: got {value!r}; give a finite number above 0" + (f" in {unit}." if unit != "1" else ".")
+        )
+    return number

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbbogie import HarmonicBalance, ModelError, System, load_problem
+from hbbogie.design import Identification, Parametrisation, identify
 from hbbogie.errors import unknown_name
-from hbbogie.identification import Identification, Parametrisation, identify
-from hbbogie.report import Progress, Report
-from hbbogie.tables import Table
+from hbbogie.progress import Progress
+from hbbogie.reports import Report, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

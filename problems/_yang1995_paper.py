@@ -14,25 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie import (
-    ConvergenceError,
-    Orbit,
-    System,
-    Trajectory,
-    describing_function,
-    load_problem,
-    settle,
-    simulate,
-    solve,
-    verify,
-)
-from hbbogie.comparison import Followed, compare
-from hbbogie.comparison_report import table_of_methods, verdicts
-from hbbogie.laws import DeadBand
-from hbbogie.methods.compatibility import Compatible, compatible
-from hbbogie.methods.heuristic import HeuristicStability, heuristic_stability
-from hbbogie.report import Progress, Report
-from hbbogie.tables import Table
+from hbbogie import ConvergenceError, Orbit, System, load_problem, simulate, solve, verify
+from hbbogie.branches import compare
+from hbbogie.branches.comparison import Followed
+from hbbogie.methods import Compatible, HeuristicStability, compatible, describing_function, heuristic_stability
+from hbbogie.model import DeadBand
+from hbbogie.motion import settle
+from hbbogie.progress import Progress
+from hbbogie.reports import Report, Table, table_of_methods, verdicts
+from hbbogie.results import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -314,7 +304,7 @@ def _misprint(states: list[StateByAll]) -> tuple[str, ...]:
 
 def _dress(method: str) -> dict[str, Any]:
     """Return colour and width of a method's lines: the converged one pale and wide, below the others."""
-    from hbbogie.plot.appearance import COLOURS
+    from hbbogie.plot import COLOURS
 
     known = {"df1": 0, "df2": 1, "mhb3": 2, "mhb15": 3, "RK4": 4}
     if method == "mhb61":

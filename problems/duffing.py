@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ellipk
 
-from hbbogie import Coordinate, Cubic, Element, Parameter, System
+from hbbogie import Coordinate, Element, Parameter, System
+from hbbogie.model import Cubic
 
 
 def duffing(**parameters: float) -> System:

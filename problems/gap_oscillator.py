@@ -19,7 +19,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie import Coordinate, DeadBand, Element, Parameter, System
+from hbbogie import Coordinate, Element, Parameter, System
+from hbbogie.model import DeadBand
 
 
 def gap_oscillator(**parameters: float) -> System:

@@ -24,7 +24,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from hbbogie import Coordinate, Element, Parameter, Step, System
+from hbbogie import Coordinate, Element, Parameter, System
+from hbbogie.model import Step
 
 
 def piecewise(**parameters: float) -> System:

@@ -29,29 +29,28 @@ from hbbogie import (
     Branch,
     ConvergenceError,
     Coordinate,
-    DeadBand,
     Element,
     HarmonicBalance,
     Orbit,
     Parameter,
-    SpecialPoint,
     System,
     floquet,
     hopf_points,
     load_problem,
-    settle,
     solve,
     trace,
 )
-from hbbogie.curves import estimate, judged
-from hbbogie.cycles import ORDERS, crossings
-from hbbogie.report import Progress, Report
-from hbbogie.tables import Table
+from hbbogie.branches import ORDERS, crossings, estimate, judged
+from hbbogie.model import DeadBand
+from hbbogie.motion import settle
+from hbbogie.progress import Progress
+from hbbogie.reports import Report, Table
+from hbbogie.results import SpecialPoint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hbbogie.equations import Equations
+    from hbbogie.methods import Equations
 
 
 def bogie(gravity: bool = False, **parameters: float) -> System:

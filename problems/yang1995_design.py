@@ -26,8 +26,7 @@ from typing import Any
 from scipy import stats
 
 from hbbogie import System, load_problem
-from hbbogie.criteria import DampingRatio, Expression, Limit, Peak, cost_of_change
-from hbbogie.robust import Uncertainty
+from hbbogie.design import DampingRatio, Expression, Limit, Peak, Uncertainty, cost_of_change
 
 SYSTEM = load_problem("yang1995").bogie
 PARAMETER = "V"

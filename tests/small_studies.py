@@ -142,7 +142,7 @@ def wait_for(condition, what: str, seconds: float = 60.0):
 def finished(store: Path) -> int:
     """Return the number of finished points, 0 as long as there is no store."""
     from hbbogie import ModelError
-    from hbbogie.studies.store import Store
+    from hbbogie.studies import Store
 
     try:
         keep = Store.read(store)

@@ -3,115 +3,66 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import shutil
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 import hbbogie
 
 PACKAGE = Path(hbbogie.__file__).parent
-# imports go down, or sideways without a circle
-FLOORS = {
-    "errors": 0, "fourier": 0, "ramps": 0, "processes": 0,
-    "laws": 1, "elements": 1, "results": 1,
-    "analysis": 2, "system": 2,
-    "equations": 3, "integration": 3, "settling": 3, "variation": 3, "stability": 3, "hill": 3, "shooting": 3,
-    "jumps": 3, "eigenvalues": 3,
-    "methods": 4, "solvers": 4, "optimum": 4, "rootfinding": 4, "ramp": 4, "minimax": 4,
-    "guesses": 5, "verification": 5, "normal_form": 5, "solution_curve": 5, "switching": 5, "arclength": 5,
-    "settled": 5,
-    "bifurcations": 6, "onset": 6, "continuation": 6, "cycles": 6, "hopf_curve": 6, "following": 6, "probe": 6,
-    "identification": 6, "misfit": 6, "attraction": 6, "outcomes": 6,
-    "fold_curve": 7, "critical": 7, "coexistence": 7, "isolated": 7, "critical_report": 7, "plot": 7, "curves": 7,
-    "tables": 7, "figures": 7, "motion": 7, "report": 7, "problem": 7, "comparison": 7, "comparison_report": 7,
-    "charts": 7, "chart_report": 7, "basin": 7, "time_domain": 7, "hysteresis": 7, "curvature": 7, "design_point": 7,
-    "criteria": 7, "design_task": 7, "design": 7, "single_level": 7, "robust": 7, "design_report": 7, "studies": 7,
-    "terminal": 8, "commands": 8, "cli_methods": 8, "cli_chart": 8, "cli": 8, "benchmark": 8, "__main__": 8,
-    "cli_motion": 8, "cli_design": 8, "cli_study": 8,
-}  # fmt: skip
+ROOT = PACKAGE.parent
+WINGS = sorted(p.parent.name for p in PACKAGE.glob("*/__init__.py") if p.parent.name != "problems")
+OUTSIDE = [p for folder in ("problems", "tests", "docs") for p in (ROOT / folder).rglob("*.py")]
 
 
 def _modules():
-    for path in sorted(PACKAGE.rglob("*.py")):
-        relative = path.relative_to(PACKAGE)
-        if relative.parts[0] == "problems" or str(relative) == "__init__.py":
-            continue
-        yield path, relative.parts[0].removesuffix(".py")
+    return [p for p in sorted(PACKAGE.rglob("*.py")) if p.relative_to(PACKAGE).parts[0] != "problems"]
 
 
-def _imports(path, top_level_only=False):
-    """Names of the package's modules that a file imports; imports for type checking do not count."""
-    tree = ast.parse(path.read_text())
-    typing_only = {
-        id(node)
-        for block in ast.walk(tree)
-        if isinstance(block, ast.If) and getattr(block.test, "id", "") == "TYPE_CHECKING"
-        for node in ast.walk(block)
-    }
-    nodes = tree.body if top_level_only else list(ast.walk(tree))
-    for node in nodes:
-        if id(node) in typing_only:
-            continue
-        if isinstance(node, ast.ImportFrom) and node.module:
-            if node.module == "hbbogie":
-                yield from (alias.name for alias in node.names)
-            elif node.module.startswith("hbbogie."):
-                yield node.module.split(".")[1]
-            else:
-                yield "external:" + node.module.split(".")[0]
-        elif isinstance(node, ast.Import):
-            yield from ("external:" + alias.name.split(".")[0] for alias in node.names)
+def test_imports_keep_to_the_layers():
+    """The contracts stand in pyproject.toml."""
+    linter = Path(sys.executable).with_name("lint-imports")
+    command = str(linter) if linter.exists() else shutil.which("lint-imports")
+    assert command, "import-linter is part of the extra 'test'"
+    run = subprocess.run([command], cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
 
 
-def test_every_module_has_a_floor():
-    assert {name for _, name in _modules()} <= set(FLOORS)
+@pytest.mark.parametrize("wing", WINGS)
+def test_wing_has_a_face(wing):
+    """It says what it is for, and every name in ``__all__`` is there and is no module."""
+    face = importlib.import_module(f"hbbogie.{wing}")
+    assert len(face.__doc__.strip().splitlines()) >= 3
+    assert face.__all__
+    for name in face.__all__:
+        assert type(getattr(face, name)).__name__ != "module", name
 
 
-def test_imports_do_not_go_up():
-    for path, name in _modules():
-        for imported in _imports(path):
-            if imported in FLOORS and FLOORS[name] < 8:
-                assert FLOORS[imported] <= FLOORS[name], f"{path.name} imports {imported}"
+def test_no_function_has_the_name_of_a_wing_or_of_a_module_beside_it():
+    """Else importing the module would hide the function."""
+    for folder in (PACKAGE, *(PACKAGE / wing for wing in WINGS)):
+        face = importlib.import_module(".".join(folder.relative_to(ROOT).parts))
+        names = set(face.__all__) - (set(WINGS) if folder == PACKAGE else set())
+        modules = {p.stem for p in folder.glob("*.py")} | set(WINGS)
+        assert not names & modules
 
 
-def test_no_circles():
-    edges = {}
-    for path, name in _modules():
-        edges.setdefault(name, set()).update(i for i in _imports(path) if i in FLOORS and i != name)
-    done, active = set(), []
-
-    def visit(name):
-        assert name not in active, f"circle: {' -> '.join([*active, name])}"
-        if name in done:
-            return
-        active.append(name)
-        for other in edges.get(name, ()):
-            visit(other)
-        active.pop()
-        done.add(name)
-
-    for name in edges:
-        visit(name)
-
-
-def test_only_plot_imports_matplotlib():
-    for path, name in _modules():
-        if name != "plot":
-            assert "external:matplotlib" not in set(_imports(path)), path
-
-
-def test_plot_imports_results_only():
-    for path, name in _modules():
-        if name == "plot":
-            assert set(_imports(path)) & set(FLOORS) <= {"results", "errors", "fourier", "plot"}, path
-
-
-def test_methods_do_not_import_solvers():
-    for path, name in _modules():
-        if name == "methods":
-            assert "solvers" not in set(_imports(path)), path
+def test_outside_code_imports_from_faces():
+    """Private names aside, which tests may look at."""
+    for path in OUTSIDE:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.count(".") > 1:
+                inside = node.module.startswith("hbbogie.") and not node.module.startswith("hbbogie.problems")
+                public = [a.name for a in node.names if not a.name.startswith("_")]
+                assert not (inside and public), f"{path.name}: {public} from {node.module}"
 
 
 def test_modules_and_functions_are_short():
-    for path, _ in _modules():
+    for path in _modules():
         text = path.read_text()
         assert text.count("\n") <= 350, path
         for node in ast.walk(ast.parse(text)):

@@ -99,7 +99,7 @@ def test_negative_multiplier():
     system, orbit = lure()
     system = system.with_parameters(alpha=0.64)
     cycle = hb.solve(hb.HarmonicBalance(25).equations(system), orbit)
-    found = hb.measure_attraction(system, cycle)
+    found = hb.attraction.measure_attraction(system, cycle)
     assert found.predicted.real < -0.9 and found.verdict == "attracts"
     assert found.measured == pytest.approx(found.predicted, rel=1e-3)
 
@@ -108,5 +108,5 @@ def test_jumps_are_part_of_the_prediction():
     """Published multiplier 0.00243051."""
     system = hb.load_problem("piecewise").piecewise()
     (cycle,) = hb.find_cycles(system)
-    found = hb.measure_attraction(system, cycle)
+    found = hb.attraction.measure_attraction(system, cycle)
     assert found.predicted.real == pytest.approx(0.00243051, rel=5e-3)

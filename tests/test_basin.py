@@ -16,11 +16,13 @@ import pytest
 from typer.testing import CliRunner
 
 import hbbogie as hb
-from hbbogie import outcomes, plot
-from hbbogie.basin import _ends, _Job, find_basin
-from hbbogie.cli import app
-from hbbogie.curves import silent
-from hbbogie.processes import starting
+from hbbogie import plot
+from hbbogie.attraction import distances, find_basin, place_of
+from hbbogie.attraction.basin import _ends, _Job
+from hbbogie.attraction.endings import _at_rest
+from hbbogie.commandline import app
+from hbbogie.parallel import starting
+from hbbogie.progress import silent
 
 matplotlib.use("Agg")
 FOLD, HOPF = 88.764, 90.974  # m/s
@@ -76,7 +78,7 @@ def test_agrees_with_motions_that_are_followed_until_they_settle(bogie, branch):
     """`settle` decides by crossings and needs no cycle to be known."""
     sizes = [0.015, 0.025, 0.04]
     scan = find_basin(bogie, "V", [89.5], sizes, along={"q1": 1}, branches=[branch])
-    kinds = [hb.settle(bogie, {"q1": q}, V=89.5).kind for q in sizes]
+    kinds = [hb.motion.settle(bogie, {"q1": q}, V=89.5).kind for q in sizes]
     assert scan.outcome[0].tolist() == kinds
 
 
@@ -107,10 +109,10 @@ def test_motion_without_bound_is_undecided():
 def test_the_bound_holds_on_simulated_motions(bogie):
     """Where rest is proved, no wheelset touches the flange ever after."""
     system = bogie.with_parameters(V=90.0)
-    place = outcomes.place_of(system, "V", [], [])
+    place = place_of(system, "V", [], [])
     rng = np.random.default_rng(5)
     x = rng.standard_normal((200, 14)) * np.r_[np.full(7, 1e-3), np.full(7, 0.03)]
-    proved = outcomes._at_rest(place, x)
+    proved = _at_rest(place, x)
     assert 5 < proved.sum() < 195
     names = [*system.coordinate_names, *(f"{c}'" for c in system.coordinate_names)]
     for state in x[proved][:5]:
@@ -123,7 +125,7 @@ def test_distance_from_a_circle():
     circle = np.column_stack([np.cos(t), np.sin(t)])
     angle, radius = np.array([0.1, 1.0, 4.0]), np.array([0.5, 1.0, 3.0])
     x = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    away = outcomes.distances(x, circle, np.ones(2))
+    away = distances(x, circle, np.ones(2))
     # the polygon lies inside the circle by at most 1 - cos(pi / 256)
     np.testing.assert_allclose(away, np.abs(radius - 1) / np.sqrt(2), atol=1e-4)
 
@@ -149,7 +151,7 @@ class Dying(_Job):
 
 def test_a_process_that_ends_leaves_motions_undecided(bautin):
     system = bautin.bautin()
-    place = outcomes.place_of(system, "mu", [], [])
+    place = place_of(system, "mu", [], [])
     ends = _ends(Dying(system, [place], [1.0], 256), np.ones((1, 2)), np.array([0.1, 0.2]), 2, silent)
     assert ends.outcome.tolist() == [["undecided", "undecided"]]
     assert ends.reason[0, 0] == "the process that followed it ended"
@@ -168,7 +170,7 @@ class Hanging(_Job):
 @pytest.mark.skipif(os.name == "nt", reason="Ctrl-C cannot be sent to one process")
 def test_second_interruption_ends_what_hangs(bautin):
     system = bautin.bautin()
-    place = outcomes.place_of(system, "mu", [], [])
+    place = place_of(system, "mu", [], [])
     with pytest.raises(KeyboardInterrupt):
         _ends(Hanging(system, [place], [1.0], 256), np.ones((1, 2)), np.array([0.1, 0.2]), 2, silent)
     assert not multiprocessing.active_children()

@@ -9,15 +9,14 @@ import pytest
 from known_cycles import lure
 
 import hbbogie as hb
-from hbbogie import Coordinate, DeadBand, Element, HarmonicBalance, ModelError, Parameter, System, fourier
-from hbbogie.cycles import crossings
-from hbbogie.onset import onset
-from hbbogie.solution_curve import Point
+from hbbogie import Coordinate, Element, HarmonicBalance, ModelError, Parameter, System, fourier
+from hbbogie.branches import Point, crossings, onset
+from hbbogie.model import DeadBand
 
 circuit = hb.load_problem("circuit")
 
 
-def only(branch: hb.Branch, kind: str) -> hb.SpecialPoint:
+def only(branch: hb.Branch, kind: str) -> hb.results.SpecialPoint:
     (point,) = (s for s in branch.special if s.kind == kind)
     return point
 
@@ -394,7 +393,7 @@ class TestFlatStretches:
 
     def test_a_slope_that_is_round_off(self):
         """(s - 1)^8 written out: terms of up to 70 cancel, and the slope is noise of both signs over many points."""
-        expanded = hb.Polynomial((1.0, -8.0, 28.0, -56.0, 70.0, -56.0, 28.0, -8.0, 1.0))
+        expanded = hb.model.Polynomial((1.0, -8.0, 28.0, -56.0, 70.0, -56.0, 28.0, -8.0, 1.0))
         system, start = on_a_circle(expanded.force, 1.02, 0.02**8)
         equations = HarmonicBalance(3).equations(system)
         branch = hb.trace(equations, start, "mu", (-0.1, 0.05**8), step=5e-4, longest=5e-4)

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 import hbbogie as hb
 from hbbogie import plot
-from hbbogie.cli import app
-from hbbogie.guesses import Linearisation
-from hbbogie.hopf_curve import HopfCurve
+from hbbogie.commandline import app
+from hbbogie.critical import HopfCurve
+from hbbogie.equilibria import Linearisation
 
 SPAN = (1.0, 270.0)
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import hbbogie
 from hbbogie import Branch
-from hbbogie.cli import app
+from hbbogie.commandline import app
 
 matplotlib.use("Agg")
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -46,7 +46,7 @@ def test_version():
 
 
 def test_start_up_imports_neither_matplotlib_nor_xarray():
-    code = "import sys, hbbogie.cli; print({'matplotlib', 'xarray'} & set(sys.modules))"
+    code = "import sys, hbbogie.commandline.main; print({'matplotlib', 'xarray'} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "set()\n"
 
@@ -101,7 +101,7 @@ def test_run_writes_what_it_lists(tmp_path):
 def test_run_of_a_users_file_with_its_own_study(tmp_path):
     text = '''"""Mine."""
 from hbbogie import Coordinate, Parameter, System
-from hbbogie.report import Report, Table
+from hbbogie.reports import Report, Table
 
 def mine(**values):
     x, k = Coordinate("x", "m"), Parameter("k", 1.0, "N/m")
@@ -207,7 +207,7 @@ def test_wrong_usage_is_json_too():
 
 LOST = """
 import os, signal, time
-from hbbogie.processes import interruptions
+from hbbogie.parallel import interruptions
 with interruptions(raising=True) as pressed:
     try:
         os.kill(os.getpid(), signal.SIGINT)

@@ -15,8 +15,8 @@ import xarray as xr
 from small_studies import STUDY, finished, process, wait_for, write_study
 from typer.testing import CliRunner
 
-from hbbogie.cli import app
-from hbbogie.studies.study import load_study, shipped_studies
+from hbbogie.commandline import app
+from hbbogie.studies import load_study, shipped_studies
 
 runner = CliRunner()
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.comparison import compare, method_named
-from hbbogie.comparison_report import comparison_of, table_of_errors, table_of_methods, verdicts
+from hbbogie.branches import compare, method_named
+from hbbogie.reports import comparison_of, table_of_errors, table_of_methods, verdicts
 
 SILENT = lambda message, fraction: None  # noqa: E731
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.methods.compatibility import compatible
-from hbbogie.methods.equivalent import EquivalentSystem
-from hbbogie.methods.heuristic import heuristic_stability
+from hbbogie.methods import EquivalentSystem, compatible, heuristic_stability
 
 problem = hb.load_problem("yang1995")
 STATES = [s for s in problem.TABLE_1 if s.a1_el is not None]
@@ -88,7 +86,7 @@ def test_derivative_of_the_critical_value_is_exact(bogie):
 
 def _two_masses():
     x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.3)
-    damper, spring = hb.Element("damper", hb.Cubic(1.0), x.dot), hb.Element("spring", hb.Cubic(0.5), x - y)
+    damper, spring = hb.Element("damper", hb.model.Cubic(1.0), x.dot), hb.Element("spring", hb.model.Cubic(0.5), x - y)
     coupling = 0.5 * (x - y) + spring
     equations = [x.ddot - mu * x.dot + damper + x + coupling, 2 * y.ddot + 0.1 * y.dot + y - coupling]
     return hb.System("two masses", [x, y], [mu], equations, [damper, spring]), {"damper": 0.5}, "mu", (0.0, 3.0)
@@ -96,14 +94,14 @@ def _two_masses():
 
 def _controlled():
     x, y, g = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("g", 1.0)
-    actuator = hb.Element("actuator", hb.Saturation(1.0, 0.5), y)
+    actuator = hb.Element("actuator", hb.model.Saturation(1.0, 0.5), y)
     equations = [x.ddot + 0.4 * x.dot + x + g * actuator, y.dot + y - x]
     return hb.System("control loop", [x, y], [g], equations, [actuator]), {"actuator": 0.8}, "g", (-5.0, 20.0)
 
 
 def _stick():
     x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.3)
-    friction = hb.Element("friction", hb.Friction(0.2, 0.5), x.dot - y.dot)
+    friction = hb.Element("friction", hb.model.Friction(0.2, 0.5), x.dot - y.dot)
     equations = [x.ddot - mu * x.dot + x + friction, y.ddot + 0.1 * y.dot + 2 * y - friction]
     return hb.System("friction", [x, y], [mu], equations, [friction]), {"friction": 0.5}, "mu", (0.0, 3.0)
 
@@ -154,10 +152,10 @@ def test_systems_it_does_not_cover_are_refused():
     with pytest.raises(hb.ModelError, match="no elements"):
         EquivalentSystem(van_der_pol, "mu")
     x, mu = hb.Coordinate("x"), hb.Parameter("mu", 0.1)
-    spring = hb.Element("spring", hb.Cubic(1.0), x)
+    spring = hb.Element("spring", hb.model.Cubic(1.0), x)
     with pytest.raises(hb.ModelError, match="equation of x is nonlinear"):
         EquivalentSystem(hb.System("mixed", [x], [mu], [x.ddot - mu * (1 - x**2) * x.dot + spring], [spring]), "mu")
-    lopsided = hb.Element("stop", hb.Tabulated([0.0, 1.0, 2.0], [0.0, 0.0, 1.0]), x)
+    lopsided = hb.Element("stop", hb.model.Tabulated([0.0, 1.0, 2.0], [0.0, 0.0, 1.0]), x)
     with pytest.raises(hb.ModelError, match="not odd"):
         EquivalentSystem(hb.System("stop", [x], [mu], [x.ddot + mu * x.dot + x + lopsided], [lopsided]), "mu")
 

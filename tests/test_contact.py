@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hbbogie import fourier
-from hbbogie.methods.contact import make_ramp
+from hbbogie.methods import make_ramp
 
 RNG = np.random.default_rng(1)
 

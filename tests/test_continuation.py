@@ -9,7 +9,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie import ModelError
-from hbbogie.settled import backwards
+from hbbogie.branches import backwards
 
 
 class TestHopfPoints:
@@ -192,7 +192,7 @@ class TestFindCycles:
     def test_backwards_motions_of_a_velocity_dependent_contact(self):
         """Backwards in time x' has the other sign, in the equation and in the argument of the contact."""
         x, d = hb.Coordinate("x", "m"), hb.Parameter("d", 0.1, "1/s")
-        stop = hb.Element("stop", hb.DeadBand(0.3, 1.0), x.dot)
+        stop = hb.Element("stop", hb.model.DeadBand(0.3, 1.0), x.dot)
         system = hb.System("stop", [x], [d], [x.ddot + d * x.dot + stop + x], [stop])
         there = hb.simulate(system, {"x": 1.0}, 5.0)
         end = {"x": float(there.q[-1, 0]), "x'": -float(there.v[-1, 0])}
@@ -243,7 +243,7 @@ class TestFindCycles:
         system = hb.load_problem("van_der_pol").van_der_pol(mu=20.0)
         with pytest.raises(hb.ConvergenceError, match="do not resolve"):
             hb.find_cycles(system, harmonics=5)
-        guess = hb.last_orbit(system, hb.settle(system, {"x": 1.0}, longest=1e3).trajectory, 5)
+        guess = hb.motion.last_orbit(system, hb.motion.settle(system, {"x": 1.0}, longest=1e3).trajectory, 5)
         found = hb.floquet(system, hb.solve(hb.HarmonicBalance(5).equations(system), guess))
         assert found.verdict == "unknown" and found.trivial_error > 0.01
 

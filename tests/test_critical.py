@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
+from hbbogie.branches import crossings
 from hbbogie.critical import hopf_gradient
-from hbbogie.cycles import crossings
 
 MASSES = ("Mw", "Mf", "Iwy", "Ify", "Ifr")
 DAMPINGS = ("D1", "D2")

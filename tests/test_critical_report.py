@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import hbbogie as hb
-from hbbogie.coexistence import coexistence
-from hbbogie.critical_report import critical_of
+from hbbogie.critical import coexistence
+from hbbogie.reports import critical_of
 
 
 def report_of(name, **options):

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie import describing_function
-from hbbogie.cycles import crossings
-from hbbogie.methods import describing
+from hbbogie.branches import crossings
+from hbbogie.methods import describing_function
+from hbbogie.methods import describing_functions as describing
 
 LAWS = {
-    "dead band": hb.DeadBand(2.0, 1.0),
-    "saturation": hb.Saturation(2.0, 1.0),
-    "lopsided table": hb.Tabulated((-2, -1, 0.5, 2, 3), (-4, -1, 0, 1, 7)),
-    "cubic": hb.Cubic(0.3, 0.7),
-    "polynomial": hb.Polynomial((1.0, 2.0, 0.4, -0.3, 0.2, 0.5)),
-    "Coulomb friction": hb.CoulombFriction(3.0),
-    "backlash": hb.Backlash(2.0, 1.0),
+    "dead band": hb.model.DeadBand(2.0, 1.0),
+    "saturation": hb.model.Saturation(2.0, 1.0),
+    "lopsided table": hb.model.Tabulated((-2, -1, 0.5, 2, 3), (-4, -1, 0, 1, 7)),
+    "cubic": hb.model.Cubic(0.3, 0.7),
+    "polynomial": hb.model.Polynomial((1.0, 2.0, 0.4, -0.3, 0.2, 0.5)),
+    "Coulomb friction": hb.model.CoulombFriction(3.0),
+    "backlash": hb.model.Backlash(2.0, 1.0),
 }
 CONSERVATIVE = ("dead band", "saturation", "lopsided table", "cubic", "polynomial")
 AMPLITUDES = np.array([0.2, 0.9, 1.0, 1.0001, 1.5, 4.0, 30.0])
@@ -48,24 +48,27 @@ class TestClosedForms:
 
     @pytest.mark.parametrize("width", [0.05, 0.2, 10.0])
     def test_fixed_rule_of_a_law_without_closed_form(self, width):
-        law, Y = hb.Friction(3.0, width), ca.SX.sym("Y")
+        law, Y = hb.model.Friction(3.0, width), ca.SX.sym("Y")
         fixed = ca.Function("N", [Y], [describing_function(law, Y)])
         assert float(fixed(1.0)) == pytest.approx(describing_function(law, 1.0), rel=1e-9)
 
     def test_friction_tends_to_coulomb(self):
-        narrow, ideal = (describing_function(f, 2.0) for f in (hb.Friction(3.0, 1e-4), hb.CoulombFriction(3.0)))
+        narrow, ideal = (
+            describing_function(f, 2.0) for f in (hb.model.Friction(3.0, 1e-4), hb.model.CoulombFriction(3.0))
+        )
         assert narrow == pytest.approx(ideal, rel=1e-7)
         assert ideal == pytest.approx(4 * 3.0 / (np.pi * 2.0), rel=1e-14)
 
     def test_dead_band_and_saturation_add_up_to_a_spring(self):
-        both = [describing_function(law, AMPLITUDES) for law in (LAWS["dead band"], hb.Saturation(2.0, 2.0))]
+        both = [describing_function(law, AMPLITUDES) for law in (LAWS["dead band"], hb.model.Saturation(2.0, 2.0))]
         np.testing.assert_allclose(sum(both), 2.0, rtol=1e-13)
 
     def test_a_table_is_the_law_it_was_taken_from(self):
-        table = hb.Tabulated((-2, -1, 1, 2), (-2, 0, 0, 2))
+        table = hb.model.Tabulated((-2, -1, 1, 2), (-2, 0, 0, 2))
         for order in (1, 2):
             a, b = (
-                describing_function(law, AMPLITUDES, order=order, reference=2.0) for law in (table, hb.DeadBand(2, 1))
+                describing_function(law, AMPLITUDES, order=order, reference=2.0)
+                for law in (table, hb.model.DeadBand(2, 1))
             )
             np.testing.assert_allclose(a, b, atol=1e-13)
 
@@ -73,7 +76,7 @@ class TestClosedForms:
         for order in (1, 2):
             a, b = (
                 describing_function(law, 1.3, order=order)
-                for law in (hb.Cubic(0.3, 0.7), hb.Polynomial((0, 0.7, 0, 0.3)))
+                for law in (hb.model.Cubic(0.3, 0.7), hb.model.Polynomial((0, 0.7, 0, 0.3)))
             )
             assert a == pytest.approx(b, rel=1e-14)
 
@@ -84,7 +87,7 @@ class TestBacklash:
     def test_work_lost_is_the_area_of_the_loop(self):
         """The parallelogram is 2 g wide and 2 k (Y - g) high."""
         k, g, Y = 2.0, 1.0, np.array([1.01, 2.0, 7.0])
-        N = describing_function(hb.Backlash(k, g), Y)
+        N = describing_function(hb.model.Backlash(k, g), Y)
         np.testing.assert_allclose(-np.pi * Y**2 * N.imag, 4 * k * g * (Y - g), rtol=1e-12)
 
     def test_half_the_stiffness_at_twice_the_gap_and_none_within(self):
@@ -92,7 +95,7 @@ class TestBacklash:
         np.testing.assert_allclose(N.real, [0, 0, 1.0], atol=1e-14)
 
     def test_without_play_it_is_a_spring(self):
-        assert describing_function(hb.Backlash(2.0, 0.0), 1.5) == pytest.approx(2.0, rel=1e-14)
+        assert describing_function(hb.model.Backlash(2.0, 0.0), 1.5) == pytest.approx(2.0, rel=1e-14)
 
     def test_it_is_refused_in_an_equation_of_motion(self):
         with pytest.raises(hb.ModelError, match="memory"):
@@ -128,10 +131,10 @@ class TestExpressions:
 
     def test_parameters_stay_symbols(self):
         k = ca.SX.sym("k")
-        N = describing_function(hb.DeadBand(k, 1.0), 1.5)
+        N = describing_function(hb.model.DeadBand(k, 1.0), 1.5)
         assert float(ca.Function("N", [k], [N])(2.0)) == pytest.approx(describing_function(LAWS["dead band"], 1.5))
         with pytest.raises(hb.ModelError, match="contains parameters"):
-            describing_function(hb.DeadBand(k, 1.0), 1.5, method="quadrature")
+            describing_function(hb.model.DeadBand(k, 1.0), 1.5, method="quadrature")
 
     @pytest.mark.parametrize(
         ("law", "amplitude", "keywords", "message"),
@@ -140,9 +143,9 @@ class TestExpressions:
             (LAWS["cubic"], 1.0, {"order": 3}, "1 or 2"),
             (LAWS["cubic"], 1.0, {"method": "close"}, "Did you mean 'closed'"),
             (LAWS["cubic"], ca.SX.sym("Y"), {"method": "quadrature"}, "not expressions"),
-            (hb.Friction(1.0, 0.1), 1.0, {"method": "closed"}, "no closed form"),
+            (hb.model.Friction(1.0, 0.1), 1.0, {"method": "closed"}, "no closed form"),
             (LAWS["Coulomb friction"], 1.0, {"order": 2}, "reference stiffness"),
-            (hb.Cubic(1.0), 1.0, {"order": 2}, "needs a positive one"),
+            (hb.model.Cubic(1.0), 1.0, {"order": 2}, "needs a positive one"),
         ],
     )
     def test_refusals(self, law, amplitude, keywords, message):
@@ -154,19 +157,23 @@ class TestSecondOrder:
     def test_cubic_is_lindstedts_series(self):
         """IDENTITY: m omega^2 = k + 3 c Y^2/4 + 3 c^2 Y^4/(128 k) in the first-harmonic amplitude Y."""
         k, c, Y = 0.7, 0.3, 1.3
-        correction = describing_function(hb.Cubic(c, k), Y, order=2) - describing_function(hb.Cubic(c, k), Y)
+        correction = describing_function(hb.model.Cubic(c, k), Y, order=2) - describing_function(
+            hb.model.Cubic(c, k), Y
+        )
         assert correction == pytest.approx(3 * c**2 * Y**4 / (128 * k), rel=1e-12)
 
     def test_quadratic_is_lindstedts_series(self):
         """IDENTITY: omega = 1 - 5 a^2 Y^2/12 + ... for x'' + x + a x^2 = 0: mean and second harmonic."""
         a, Y = 0.3, 0.7
-        stiffness = describing_function(hb.Polynomial((0, 1, a)), Y, order=2)
+        stiffness = describing_function(hb.model.Polynomial((0, 1, a)), Y, order=2)
         assert stiffness == pytest.approx(1 - 5 * a**2 * Y**2 / 6, rel=1e-14)
 
     def test_dead_band_tends_to_its_stiffness(self):
         """ORDER: k1 = K0 (1 - (4/pi) g/Y + ...), and the correction vanishes faster."""
         for order in (1, 2):
-            deficit = [(1 - describing_function(hb.DeadBand(1.0, 1.0), Y, order=order)) * Y for Y in (1e2, 1e3, 1e4)]
+            deficit = [
+                (1 - describing_function(hb.model.DeadBand(1.0, 1.0), Y, order=order)) * Y for Y in (1e2, 1e3, 1e4)
+            ]
             assert deficit[-1] == pytest.approx(4 / np.pi, rel=1e-4)
 
     def test_what_the_series_leaves_out_is_within_its_bound(self, monkeypatch):
@@ -178,7 +185,7 @@ class TestSecondOrder:
 
     def test_duffing_oscillator_gains_two_orders(self):
         """ORDER: omega^2 over the first-harmonic amplitude is off by Y^4 at order 1 and by Y^6 at order 2."""
-        system = _sprung(hb.Cubic(1.0, 1.0))
+        system = _sprung(hb.model.Cubic(1.0, 1.0))
         errors = []
         for Y in (0.2, 0.4):
             wave = hb.Orbit(system.name, ("x",), ("",), np.array([[0.0], [Y], [0.0]]), 1.0 + Y**2 / 2, {})
@@ -234,7 +241,7 @@ class TestOneHarmonicIsOrderOne:
     def test_dead_bands_between_contact_times(self, bogie):
         self._same(bogie, (0, 6, 23))
 
-    @pytest.mark.parametrize("law", [hb.Cubic(0.3, 0.7), hb.Polynomial((0, 0.5, 0, -0.2, 0, 0.1))])
+    @pytest.mark.parametrize("law", [hb.model.Cubic(0.3, 0.7), hb.model.Polynomial((0, 0.5, 0, -0.2, 0, 0.1))])
     def test_polynomials(self, law):
         self._same(_sprung(law, lambda x: x + 0.3 * x.dot), (0,))
 
@@ -261,7 +268,10 @@ class TestEquations:
         if case == "bogie, order 2":
             equations, free = hb.DescribingFunction(2).equations(bogie), (0, 6)
         elif case == "friction":
-            equations, free = hb.DescribingFunction().equations(_sprung(hb.Friction(1.0, 0.3), lambda x: x.dot)), (0,)
+            equations, free = (
+                hb.DescribingFunction().equations(_sprung(hb.model.Friction(1.0, 0.3), lambda x: x.dot)),
+                (0,),
+            )
         else:
             equations, free = hb.DescribingFunction(2).equations(_sprung(Pendulum())), (0,)
         p, m, h = equations.system.vector(), equations.size, 1e-6
@@ -286,7 +296,7 @@ class TestEquations:
     def test_cycle_held_by_coulomb_friction(self):
         """SOLVER: x'' - d x' + F sign(x') + x = 0 has Y = 4 F/(pi d omega), omega = 1, at one harmonic."""
         x, d = hb.Coordinate("x"), hb.Parameter("d", 0.2)
-        dry = hb.Element("dry", hb.CoulombFriction(0.5), x.dot)
+        dry = hb.Element("dry", hb.model.CoulombFriction(0.5), x.dot)
         system = hb.System("rubbing", [x], [d], [x.ddot - d * x.dot + dry + x], [dry])
         guess = hb.Orbit(system.name, ("x",), ("",), np.array([[0.0], [2.0], [0.0]]), 1.1, {})
         orbit = hb.solve(hb.DescribingFunction().equations(system), guess)
@@ -306,10 +316,10 @@ class TestEquations:
     @pytest.mark.parametrize(
         ("make", "order", "message"),
         [
-            (lambda: _sprung(hb.Tabulated((0, 1, 2), (0, 0, 1))), 1, "not odd.*HarmonicBalance"),
-            (lambda: _sprung(hb.Friction(1.0, 0.1), lambda x: x.dot), 2, "depends on velocities"),
-            (lambda: _sprung(hb.Tabulated((-1, 0, 1), (-1, 0, 1))), 2, "'law'.*reference stiffness"),
-            (lambda: _sprung(hb.Cubic(1.0)), 2, "needs a positive one"),
+            (lambda: _sprung(hb.model.Tabulated((0, 1, 2), (0, 0, 1))), 1, "not odd.*HarmonicBalance"),
+            (lambda: _sprung(hb.model.Friction(1.0, 0.1), lambda x: x.dot), 2, "depends on velocities"),
+            (lambda: _sprung(hb.model.Tabulated((-1, 0, 1), (-1, 0, 1))), 2, "'law'.*reference stiffness"),
+            (lambda: _sprung(hb.model.Cubic(1.0)), 2, "needs a positive one"),
             (lambda: hb.load_problem("van_der_pol").van_der_pol(), 2, "no elements"),
         ],
     )
@@ -319,7 +329,7 @@ class TestEquations:
 
     def test_preloaded_pair_is_refused(self):
         x, d = hb.Coordinate("x"), hb.Parameter("d", 0.1)
-        pair = [hb.Element(n, hb.DeadBand(1.0, 1.0), x + s) for n, s in (("a", 0.3), ("b", -0.3))]
+        pair = [hb.Element(n, hb.model.DeadBand(1.0, 1.0), x + s) for n, s in (("a", 0.3), ("b", -0.3))]
         system = hb.System("pair", [x], [d], [x.ddot + d * x.dot + x + sum(pair)], pair)
         with pytest.raises(hb.ModelError, match="preloaded"):
             hb.DescribingFunction().equations(system)

@@ -11,13 +11,21 @@ from typer.testing import CliRunner
 
 import hbbogie as hb
 from hbbogie import plot
-from hbbogie.cli import app
-from hbbogie.criteria import CriticalValue, DampingRatio, Expression, Limit, Peak, cost_of_change
-from hbbogie.critical import hopf_gradient
-from hbbogie.curvature import critical_hessian
-from hbbogie.design_point import DesignPoint, design_point
-from hbbogie.minimax import Sample, minimise_largest
-from hbbogie.single_level import single_level
+from hbbogie.commandline import app
+from hbbogie.critical import critical_hessian, hopf_gradient
+from hbbogie.design import (
+    CriticalValue,
+    DampingRatio,
+    DesignPoint,
+    Expression,
+    Limit,
+    Peak,
+    Sample,
+    cost_of_change,
+    design_point,
+    minimise_largest,
+    single_level,
+)
 
 matplotlib.use("Agg")
 RANGE = (60.0, 190.0)
@@ -392,8 +400,8 @@ def test_starts_agree_and_failures_do_not_end_the_batch(bogie):
 OWN = """'''Mine.'''
 from scipy import stats
 from hbbogie import load_problem
-from hbbogie.criteria import DampingRatio, Limit
-from hbbogie.robust import Uncertainty
+from hbbogie.design import DampingRatio, Limit
+from hbbogie.design import Uncertainty
 
 def mine(**values):
     return load_problem("bautin").bautin(**{"a": 5.0, **values})

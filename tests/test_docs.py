@@ -10,7 +10,7 @@ import matplotlib
 import pytest
 from typer.testing import CliRunner
 
-from hbbogie.cli import app
+from hbbogie.commandline import app
 
 matplotlib.use("Agg")
 ROOT = Path(__file__).parent.parent

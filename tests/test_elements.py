@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.ramps import Ramps
+from hbbogie.model import Ramps
 
 
 def _force(law, u):
@@ -14,44 +14,44 @@ def _force(law, u):
 
 
 def test_dead_band():
-    assert _force(hb.DeadBand(2.0, 1.0), (-3, -1, 0, 0.5, 1, 2.5)) == [-4, 0, 0, 0, 0, 3]
+    assert _force(hb.model.DeadBand(2.0, 1.0), (-3, -1, 0, 0.5, 1, 2.5)) == [-4, 0, 0, 0, 0, 3]
 
 
 def test_saturation():
-    assert _force(hb.Saturation(2.0, 1.0), (-3, -0.25, 0.5, 9)) == [-1, -0.5, 1, 1]
+    assert _force(hb.model.Saturation(2.0, 1.0), (-3, -0.25, 0.5, 9)) == [-1, -0.5, 1, 1]
 
 
 def test_saturation_of_a_falling_line():
-    assert _force(hb.Saturation(-2.0, 1.0), (-3, -0.25, 0.5, 9)) == [1, 0.5, -1, -1]
+    assert _force(hb.model.Saturation(-2.0, 1.0), (-3, -0.25, 0.5, 9)) == [1, 0.5, -1, -1]
 
 
 @pytest.mark.parametrize("stiffness", [0, 0.0])
 def test_saturation_without_stiffness_is_refused(stiffness):
     with pytest.raises(hb.ModelError, match="its limit is never reached"):
-        hb.Saturation(stiffness, 1.0)
+        hb.model.Saturation(stiffness, 1.0)
 
 
 def test_tabulated_goes_through_its_points_and_on():
-    law = hb.Tabulated((-1.0, 0.0, 2.0), (-3.0, 0.0, 1.0))
+    law = hb.model.Tabulated((-1.0, 0.0, 2.0), (-3.0, 0.0, 1.0))
     np.testing.assert_allclose(_force(law, (-2, -1, 0, 1, 2, 4)), [-6, -3, 0, 0.5, 1, 2])
 
 
 def test_cubic_and_polynomial_agree():
     u = np.linspace(-2, 2, 5)
-    np.testing.assert_allclose(_force(hb.Cubic(3.0, 0.5), u), _force(hb.Polynomial((0, 0.5, 0, 3.0)), u))
+    np.testing.assert_allclose(_force(hb.model.Cubic(3.0, 0.5), u), _force(hb.model.Polynomial((0, 0.5, 0, 3.0)), u))
 
 
 def test_friction_reaches_its_limit():
-    assert _force(hb.Friction(4.0, 1e-3), (1.0, -1.0)) == pytest.approx([4.0, -4.0], rel=1e-12)
+    assert _force(hb.model.Friction(4.0, 1e-3), (1.0, -1.0)) == pytest.approx([4.0, -4.0], rel=1e-12)
 
 
 def test_coulomb_friction_jumps():
-    assert _force(hb.CoulombFriction(4.0), (1e-9, 0.0, -3.0)) == [4.0, 0.0, -4.0]
+    assert _force(hb.model.CoulombFriction(4.0), (1e-9, 0.0, -3.0)) == [4.0, 0.0, -4.0]
 
 
 def test_backlash_keeps_its_force_in_the_play():
     """k = 2, half the play 1, amplitude 3: held at 4 on the way back until u = 1, then down with u + 1."""
-    law = hb.Backlash(2.0, 1.0)
+    law = hb.model.Backlash(2.0, 1.0)
     u = np.array([3.0, 2.0, 1.0, 0.0, -3.0])
     down = law.steady_force(np.arccos(u / 3), 3.0)
     np.testing.assert_allclose(down, [4, 4, 4, 2, -4], atol=1e-12)
@@ -61,7 +61,7 @@ def test_backlash_keeps_its_force_in_the_play():
 
 def test_an_element_keeps_what_its_law_knows():
     x, k = hb.Coordinate("x"), hb.Parameter("k", 2.0)
-    laws = (hb.DeadBand(k, 1.0), hb.Cubic(0.3, k), hb.Friction(k, 0.1))
+    laws = (hb.model.DeadBand(k, 1.0), hb.model.Cubic(0.3, k), hb.model.Friction(k, 0.1))
     elements = [hb.Element(f"e{i}", law, x) for i, law in enumerate(laws)]
     band, cubic, friction = hb.System("s", [x], [k], [x.ddot + sum(elements)], elements).elements
     at = [e.at(np.array([2.0])) for e in (band, cubic, friction)]
@@ -79,7 +79,7 @@ def test_ramps_with_offset():
 @pytest.mark.parametrize(("u", "forces"), [((0.0,), (1.0,)), ((0.0, 1.0), (1.0,)), ((1.0, 0.0), (0.0, 1.0))])
 def test_wrong_tables_are_refused(u, forces):
     with pytest.raises(hb.ModelError, match="Tabulated"):
-        hb.Tabulated(u, forces)
+        hb.model.Tabulated(u, forces)
 
 
 def test_a_law_needs_a_force():

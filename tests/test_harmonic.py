@@ -16,8 +16,8 @@ def _problems():
     first_order = hb.load_problem("van_der_pol").van_der_pol_first_order()
     x, v0 = hb.Coordinate("x"), hb.Parameter("v0", 0.3)
     k, g = hb.Parameter("k", 4.0), hb.Parameter("g", 0.5)
-    stop = hb.Element("stop", hb.Tabulated((-1.0, 0.4, 1.0), (0.0, 0.0, 3.0)), x + 0.2 * x.dot - 0.1)
-    band = hb.Element("band", hb.DeadBand(k, g), x - 0.05)
+    stop = hb.Element("stop", hb.model.Tabulated((-1.0, 0.4, 1.0), (0.0, 0.0, 3.0)), x + 0.2 * x.dot - 0.1)
+    band = hb.Element("band", hb.model.DeadBand(k, g), x - 0.05)
     lopsided = hb.System(
         "lopsided",
         [x],
@@ -187,7 +187,7 @@ def test_gap_oscillator_period_in_closed_form():
     system = problem.gap_oscillator()
     delta = system.values["delta"]
     motion = hb.simulate(system, {"x": 3 * delta}, 60.0, step=1e-3)
-    guess = hb.last_orbit(system, motion, 15)
+    guess = hb.motion.last_orbit(system, motion, 15)
     errors = []
     for H in (5, 15, 61):
         orbit = hb.solve(
@@ -219,8 +219,8 @@ def test_a_preloaded_asymmetric_system_has_a_mean_and_even_harmonics():
     """Two methods, one truth: harmonic balance against simulation."""
     system = PROBLEMS["lopsided"]
     assert not system.odd
-    settled = hb.settle(system, {"x": 1.0})
-    guess = hb.last_orbit(system, settled.trajectory, 20)
+    settled = hb.motion.settle(system, {"x": 1.0})
+    guess = hb.motion.last_orbit(system, settled.trajectory, 20)
     orbit = hb.solve(hb.HarmonicBalance(40).equations(system), guess)
     assert orbit.omega == pytest.approx(settled.omega, rel=1e-5)
     assert orbit.amplitude("x") == pytest.approx(settled.amplitudes["x"], rel=1e-4)
@@ -261,12 +261,12 @@ class TestContactsOfAnOddSystemThatAreNotOddThemselves:
         np.testing.assert_allclose(*residuals, atol=1e-12)
 
     def test_table_of_a_dead_band(self):
-        self._same([(hb.Tabulated((-2, -1, 1, 2), (-1, 0, 0, 1)), 0)], [(hb.DeadBand(1.0, 1.0), 0)])
+        self._same([(hb.model.Tabulated((-2, -1, 1, 2), (-1, 0, 0, 1)), 0)], [(hb.model.DeadBand(1.0, 1.0), 0)])
 
     def test_preloaded_pair(self):
         """Stops at 1 shifted by +-0.3 are stops at 0.7 and at 1.3."""
-        band = hb.DeadBand(1.0, 1.0)
-        self._same([(band, 0.3), (band, -0.3)], [(hb.DeadBand(1.0, 0.7), 0), (hb.DeadBand(1.0, 1.3), 0)])
+        band = hb.model.DeadBand(1.0, 1.0)
+        self._same([(band, 0.3), (band, -0.3)], [(hb.model.DeadBand(1.0, 0.7), 0), (hb.model.DeadBand(1.0, 1.3), 0)])
 
 
 def test_odd_harmonics_cannot_be_forced_on_a_system_that_is_not_odd():
@@ -281,7 +281,7 @@ def test_odd_harmonics_cannot_be_forced_on_a_system_that_is_not_odd():
 
 def test_a_gap_at_infinity_is_named():
     x, k = hb.Coordinate("x"), hb.Parameter("k", 0.0)
-    limit = hb.Element("limit", hb.Saturation(k, 1.0), x)
+    limit = hb.Element("limit", hb.model.Saturation(k, 1.0), x)
     system = hb.System("s", [x], [k], [x.ddot - (1 - x**2) * x.dot + x + limit], [limit])
     with pytest.raises(ModelError, match=r"'limit' \(Saturation\): its gaps are inf"):
         hb.find_cycles(system)
@@ -296,9 +296,9 @@ class TestOddAtThePresentValuesOnly:
         x, y = hb.Coordinate("x"), hb.Coordinate("y")
         names = {"mu": -0.2, "e": 0.0, "c": 0.0, "b": 0.0, "k": 4.0, "g": 0.5}
         P = {name: hb.Parameter(name, value) for name, value in names.items()}
-        stop = hb.Element("stop", hb.DeadBand(P["k"], P["g"]), x + 0.2 * x.dot - P["c"])
-        table = hb.Element("table", hb.Tabulated((-2, -1, 1, 2), (-1, 0, 0, 1)), x + P["c"])
-        limit = hb.Element("limit", hb.Saturation(2.0, P["g"]), y - x - P["b"])
+        stop = hb.Element("stop", hb.model.DeadBand(P["k"], P["g"]), x + 0.2 * x.dot - P["c"])
+        table = hb.Element("table", hb.model.Tabulated((-2, -1, 1, 2), (-1, 0, 0, 1)), x + P["c"])
+        limit = hb.Element("limit", hb.model.Saturation(2.0, P["g"]), y - x - P["b"])
         drift = (P["mu"] + x**2 - x**4) * x.dot
         forces = stop + table - limit + P["e"] * x**2 + P["b"]
         equations = [x.ddot - drift + x + 0.3 * x**3 + forces, y.ddot + 0.3 * y.dot + 2 * y + limit + P["e"] * x.dot**2]

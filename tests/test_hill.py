@@ -6,22 +6,10 @@ import numpy as np
 import pytest
 from known_cycles import lure, radial
 
-from hbbogie import (
-    Coordinate,
-    HarmonicBalance,
-    Orbit,
-    Parameter,
-    System,
-    find_cycles,
-    fourier,
-    last_orbit,
-    load_problem,
-    settle,
-    solve,
-)
+from hbbogie import Coordinate, HarmonicBalance, Orbit, Parameter, System, find_cycles, fourier, load_problem, solve
 from hbbogie.errors import ModelError
-from hbbogie.hill import hill
-from hbbogie.stability import floquet
+from hbbogie.motion import last_orbit, settle
+from hbbogie.stability import floquet, hill
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.identification import Parametrisation, identify
+from hbbogie.design import Parametrisation, identify
 
 problem = hb.load_problem("yang1995")
 # Table 1, equivalent linearisation. Amplitudes a1 were prescribed: held. The printed speeds scatter by 0.05 m/s about

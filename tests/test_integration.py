@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from hbbogie import Coordinate, DeadBand, Element, Parameter, System
-from hbbogie.errors import ConvergenceError, ModelError
-from hbbogie.integration import simulate
-from hbbogie.settling import last_orbit, settle
+from hbbogie import Coordinate, Element, Parameter, System
+from hbbogie.errors import ModelError
+from hbbogie.model import DeadBand
+from hbbogie.motion import last_orbit, settle, simulate
+from hbbogie.results import ConvergenceError
 from problems.yang1995 import TABLE_1, State, bogie
 
 # Exact periodic orbits of the bogie (contact times located): V [m/s], omega [rad/s], max abs q1 and q3 [m]

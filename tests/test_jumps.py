@@ -9,16 +9,15 @@ from scipy.optimize import brentq
 
 import hbbogie as hb
 from hbbogie import fourier
-from hbbogie.errors import ConvergenceError, ModelError
-from hbbogie.hill import hill
-from hbbogie.jumps import passages_of
-from hbbogie.variation import Waveform
-from hbbogie.verification import _closed
+from hbbogie.errors import ModelError
+from hbbogie.results import ConvergenceError
+from hbbogie.stability import Waveform, hill, passages_of
+from hbbogie.stability.verification import _closed
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 
 
-def relay(zeta, F, law=hb.CoulombFriction):
+def relay(zeta, F, law=hb.model.CoulombFriction):
     """x'' + 2 zeta x' + x = F sign(x'): a clock."""
     x, z, f = hb.Coordinate("x"), hb.Parameter("zeta", zeta), hb.Parameter("F", F)
     kick = hb.Element("kick", law(f), x.dot)
@@ -36,7 +35,7 @@ def relay_cycle(zeta, F):
     return 2 * np.pi / frequency, F * (1 + q) / (1 - q), q
 
 
-def belt(F, law=hb.CoulombFriction):
+def belt(F, law=hb.model.CoulombFriction):
     """Van der Pol's oscillator rubbing on a belt that runs at half the unit of speed."""
     x, f, v = hb.Coordinate("x"), hb.Parameter("F", F), hb.Parameter("v", 0.5)
     dry = hb.Element("dry", law(f), x.dot - v)
@@ -53,9 +52,9 @@ def wave(system, amplitude, omega=1.0):
 def piecewise():
     module = hb.load_problem("piecewise")
     system = module.piecewise()
-    settled = hb.settle(system, {"x": 1.0})
+    settled = hb.motion.settle(system, {"x": 1.0})
     assert settled.kind == "cycle"
-    guess = hb.last_orbit(system, settled.trajectory, 63)
+    guess = hb.motion.last_orbit(system, settled.trajectory, 63)
     orbits = [hb.solve(hb.HarmonicBalance(H).equations(system), guess) for H in (15, 31, 63)]
     return module.PUBLISHED[0], system, orbits, settled
 
@@ -63,14 +62,14 @@ def piecewise():
 class TestLaws:
     def test_step(self):
         """IDENTITY: 0 below the threshold, the height above, half of it there."""
-        force = ca.Function("f", [u := ca.SX.sym("u")], [hb.Step(3.0, 0.5).force(u)])
+        force = ca.Function("f", [u := ca.SX.sym("u")], [hb.model.Step(3.0, 0.5).force(u)])
         assert [float(force(s)) for s in (-1.0, 0.4, 0.5, 0.6, 9.0)] == [0.0, 0.0, 1.5, 3.0, 3.0]
 
-    @pytest.mark.parametrize("law", [hb.Step(2.0, 0.7), hb.Step(2.0, -0.7), hb.CoulombFriction(3.0)])
+    @pytest.mark.parametrize("law", [hb.model.Step(2.0, 0.7), hb.model.Step(2.0, -0.7), hb.model.CoulombFriction(3.0)])
     def test_describing_function(self, law):
         """SOLVER: the closed form is the first harmonic by quadrature."""
         for Y in (0.5, 0.8, 3.0):
-            values = [hb.describing_function(law, Y, method=m) for m in ("closed", "quadrature")]
+            values = [hb.methods.describing_function(law, Y, method=m) for m in ("closed", "quadrature")]
             assert values[0] == pytest.approx(values[1], abs=1e-11)
 
     def test_second_order(self):
@@ -81,14 +80,14 @@ class TestLaws:
         f, slope = 2 * h * np.sin(n * t) / (np.pi * n), 2 * h * np.cos(n * t) * dt / np.pi
         fed_back = -2 * (h * t / np.pi) * (h * dt / np.pi) + np.sum(f * slope / (n**2 - 1))
         expected = 2 * h * np.sin(t) / (np.pi * Y) + fed_back / (k * Y)
-        law = hb.Step(h, g)
-        assert hb.describing_function(law, Y, order=2, reference=k) == pytest.approx(expected, rel=1e-12)
+        law = hb.model.Step(h, g)
+        assert hb.methods.describing_function(law, Y, order=2, reference=k) == pytest.approx(expected, rel=1e-12)
         with pytest.raises(ModelError, match="quadrature at order 2 does not see how the jumps"):
-            hb.describing_function(law, Y, order=2, reference=k, method="quadrature")
+            hb.methods.describing_function(law, Y, order=2, reference=k, method="quadrature")
 
     def test_an_argument_that_itself_jumps_is_refused(self):
         x, y, c = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("c", 1.0)
-        kick = hb.Element("kick", hb.Step(), x.dot)
+        kick = hb.Element("kick", hb.model.Step(), x.dot)
         system = hb.System("circular", [x, y], [c], [x.dot - y + 0.1 * kick, y.dot + c * x], [kick])
         orbit = hb.Orbit("circular", ("x", "y"), ("", ""), np.eye(3)[:, 1:], 1.0, dict(system.values))
         with pytest.raises(ModelError, match="contains a rate that itself jumps"):
@@ -215,7 +214,7 @@ class TestRelay:
     def test_two_in_step_have_no_matrix(self):
         """Two clocks that strike at the same time: which comes first makes a difference of first order."""
         x, y, z = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("zeta", 0.1)
-        kicks = [hb.Element(f"kick {c.name}", hb.CoulombFriction(1.0), c.dot) for c in (x, y)]
+        kicks = [hb.Element(f"kick {c.name}", hb.model.CoulombFriction(1.0), c.dot) for c in (x, y)]
         equations = [c.ddot + 2 * z * c.dot + c - k for c, k in zip((x, y), kicks, strict=True)]
         pair, one = hb.System("pair", [x, y], [z], equations, kicks), relay(0.1, 1.0)
         orbit = hb.solve(hb.HarmonicBalance(15).equations(one), wave(one, 6.0))
@@ -252,7 +251,7 @@ class TestRelayFeedback:
 
     def system(self):
         x, k = [hb.Coordinate(f"x{i}") for i in (1, 2, 3)], hb.Parameter("k", 1.0)
-        relay = hb.Element("relay", hb.CoulombFriction(k), x[0])
+        relay = hb.Element("relay", hb.model.CoulombFriction(k), x[0])
         lags = [x[0].dot + x[0] - x[1], x[1].dot + x[1] - x[2], x[2].dot + x[2] + relay]
         return hb.System("relay feedback", x, [k], lags, [relay])
 
@@ -268,9 +267,9 @@ class TestRelayFeedback:
 
     def test_settles(self):
         """SOLVER: on a period to which the samples, 1 ms apart, do not limit it."""
-        settled = hb.settle(self.system(), {"x1": 1.0})
+        settled = hb.motion.settle(self.system(), {"x1": 1.0})
         assert np.pi / settled.omega == pytest.approx(self.closed_form()[0], rel=1e-8)
-        assert np.pi / hb.last_orbit(self.system(), settled.trajectory, 9).omega == pytest.approx(
+        assert np.pi / hb.motion.last_orbit(self.system(), settled.trajectory, 9).omega == pytest.approx(
             self.closed_form()[0], rel=1e-3
         )
 
@@ -278,11 +277,14 @@ class TestRelayFeedback:
 def test_jumps_and_contacts_together():
     """SOLVER: friction on a belt and stops behind a gap: shooting and motion in time agree."""
     x, f = hb.Coordinate("x"), hb.Parameter("F", 0.2)
-    dry, stops = hb.Element("dry", hb.CoulombFriction(f), x.dot - 0.5), hb.Element("stops", hb.DeadBand(5.0, 1.5), x)
+    dry, stops = (
+        hb.Element("dry", hb.model.CoulombFriction(f), x.dot - 0.5),
+        hb.Element("stops", hb.model.DeadBand(5.0, 1.5), x),
+    )
     equations = [x.ddot - (1 - x**2) * x.dot + x + dry + stops]
     system = hb.System("belt with stops", [x], [f], equations, [dry, stops])
     orbit = hb.solve(hb.HarmonicBalance(31).equations(system), wave(system, 1.8, 1.2))
-    checked, settled = hb.verify(system, orbit), hb.settle(system, {"x": 1.0})
+    checked, settled = hb.verify(system, orbit), hb.motion.settle(system, {"x": 1.0})
     assert "with 6 contact(s) located" in checked.status
     assert checked.orbit.omega == pytest.approx(settled.omega, rel=1e-5)
     assert checked.amplitudes["x"] == pytest.approx(settled.amplitudes["x"], rel=1e-5)
@@ -329,7 +331,7 @@ class TestJumpMatrix:
         """SOLVER: a step of height zero leaves the cycle of van der Pol's oscillator as published."""
         published = hb.load_problem("van_der_pol").PUBLISHED[0]
         x, h = hb.Coordinate("x"), hb.Parameter("h", 0.0)
-        step = hb.Element("step", hb.Step(h, 0.3), x)
+        step = hb.Element("step", hb.model.Step(h, 0.3), x)
         system = hb.System("step", [x], [h], [x.ddot - (1 - x**2) * x.dot + x + step], [step])
         orbit = hb.solve(hb.HarmonicBalance(31).equations(system), wave(system, 2.0))
         checked = hb.verify(system, orbit)
@@ -343,7 +345,7 @@ class TestJumpMatrix:
         x, h = hb.Coordinate("x"), hb.Parameter("h", 0.5)
         results = []
         for parts in (1, 2):
-            steps = [hb.Element(f"step {i}", hb.Step(h / parts, 0.3), x) for i in range(parts)]
+            steps = [hb.Element(f"step {i}", hb.model.Step(h / parts, 0.3), x) for i in range(parts)]
             equations = [x.ddot - (1 - x**2) * x.dot + x + sum(steps)]
             system = hb.System("steps", [x], [h], equations, steps)
             orbit = hb.solve(hb.HarmonicBalance(15).equations(system), wave(system, 2.0))
@@ -383,9 +385,9 @@ class TestBelt:
 
     def test_sticking_is_said(self):
         """With more friction the mass sticks to the belt: nothing is claimed."""
-        regular = belt(0.8, lambda f: hb.Friction(f, 0.05))
-        settled = hb.settle(regular, {"x": 1.0}, step=1e-2)
-        orbit = hb.last_orbit(regular, settled.trajectory, 31)
+        regular = belt(0.8, lambda f: hb.model.Friction(f, 0.05))
+        settled = hb.motion.settle(regular, {"x": 1.0}, step=1e-2)
+        orbit = hb.motion.last_orbit(regular, settled.trajectory, 31)
         assert np.mean(np.abs(orbit.v(np.linspace(0, orbit.period, 200))[:, 0] - 0.5) < 0.05) > 0.1
         found = hb.floquet(belt(0.8), orbit)
         assert found.verdict == "unknown"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.normal_form import first_lyapunov
+from hbbogie.equilibria import first_lyapunov
 
 
 def planar(f, g, name="planar"):

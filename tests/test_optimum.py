@@ -7,8 +7,8 @@ import pytest
 
 import hbbogie as hb
 from hbbogie import ConvergenceError, HarmonicBalance, ModelError
-from hbbogie.isolated import isolated_branches
-from hbbogie.optimum import Cycle
+from hbbogie.branches import isolated_branches
+from hbbogie.solving import Cycle
 
 
 def speed(cycle: Cycle):

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hbbogie import problem
 from hbbogie.errors import ModelError
-from hbbogie.problem import load_problem, shipped_problems, system_of
-from hbbogie.system import System
+from hbbogie.model import System, load_problem, problem, shipped_problems, system_of
 
 GOOD = '''"""A pendulum."""
 from hbbogie import Coordinate, Parameter, System

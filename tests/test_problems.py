@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from hbbogie import analysis
 from hbbogie.errors import ModelError
-from hbbogie.problem import load_problem, shipped_problems, system_of
+from hbbogie.model import load_problem, shipped_problems, system_of
+from hbbogie.model.parts import is_odd
 
 TIGHT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
 
@@ -51,7 +51,7 @@ def test_circuit_is_odd_without_its_bias_only():
     assert not module.circuit().odd
     for values, odd in ((module.BIASED, False), (module.SYMMETRIC, True)):
         system = module.circuit(**values)
-        assert analysis.is_odd(system, spread=0.0) == odd
+        assert is_odd(system, spread=0.0) == odd
         assert np.all(system.ode(np.zeros(3), system.vector()).full() == 0) == odd
 
 

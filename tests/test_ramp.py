@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 import hbbogie as hb
 from hbbogie import plot
-from hbbogie.cli import app
-from hbbogie.hysteresis import find_hysteresis, predicted_onset
-from hbbogie.ramp import simulate_ramp, turning_points
+from hbbogie.attraction import find_hysteresis, predicted_onset
+from hbbogie.commandline import app
+from hbbogie.motion import simulate_ramp, turning_points
 
 matplotlib.use("Agg")
 

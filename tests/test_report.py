@@ -6,11 +6,11 @@ import matplotlib
 import numpy as np
 import pytest
 
-from hbbogie import Branch, ModelError, Orbit, Stability, load_problem
-from hbbogie.curves import curves, default_interval, stability_of
-from hbbogie.problem import system_of
-from hbbogie.report import Report, Table, check_directory, study
-from hbbogie.tables import cycles_table, largest_multiplier, plain
+from hbbogie import Branch, ModelError, Orbit, load_problem
+from hbbogie.branches import curves, stability_of
+from hbbogie.model import default_interval, system_of
+from hbbogie.reports import Report, Table, check_directory, cycles_table, largest_multiplier, plain, run_of
+from hbbogie.results import Stability
 
 matplotlib.use("Agg")
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -67,7 +67,7 @@ def test_plain_values_for_json():
 def test_numbers_are_never_cut_in_a_narrow_terminal(capsys):
     from rich.console import Console
 
-    from hbbogie.terminal import print_table
+    from hbbogie.commandline import print_table
 
     columns = tuple(f"quantity {i} [m/s]" for i in range(12))
     for rows in (2, 9):
@@ -123,13 +123,13 @@ def test_a_directory_that_cannot_be_made(tmp_path):
 
 def test_study_of_the_problem_itself():
     own = SimpleNamespace(__name__="mine", study=lambda system, progress: Report(system))
-    assert study(own, "s").title == "s"
+    assert run_of(own, "s").title == "s"
     own.study = lambda system, progress: 3
     with pytest.raises(ModelError, match="returned an object of type int"):
-        study(own, "s")
+        run_of(own, "s")
     own.study = 3
     with pytest.raises(ModelError, match="must be a function"):
-        study(own, "s")
+        run_of(own, "s")
 
 
 def test_default_interval():
@@ -142,7 +142,7 @@ def test_default_interval():
 def test_default_study_of_the_bautin_form():
     module, system = shipped("bautin")
     said = []
-    report = study(module, system, lambda message, fraction: said.append((message, fraction)))
+    report = run_of(module, system, lambda message, fraction: said.append((message, fraction)))
     tables = {t.name: t for t in report.tables}
     assert [row[-4] for row in tables["cycles"].rows] == ["unstable", "stable"]
     special = {row[0]: row[1] for row in tables["special_points"].rows}
@@ -156,7 +156,7 @@ def test_default_study_of_the_bautin_form():
 @pytest.mark.parametrize("name", ["duffing", "gap_oscillator"])
 def test_default_study_of_a_conservative_system_shows_the_backbone(name):
     module, system = shipped(name)
-    report = study(module, system)
+    report = run_of(module, system)
     table = next(t for t in report.tables if t.name == "family")
     peak, omega = (np.array([row[i] for row in table.rows]) for i in (0, 2))
     assert (np.diff(peak) > 0).all()
@@ -169,7 +169,7 @@ def test_default_study_of_a_conservative_system_shows_the_backbone(name):
 def test_default_study_where_nothing_is_found():
     module, system = shipped("duffing")
     module = SimpleNamespace(PARAMETER="d", RANGE=(0.5, 1.0))
-    report = study(module, system.with_parameters(d=0.7))
+    report = run_of(module, system.with_parameters(d=0.7))
     assert not report.branches and any("No branch" in note for note in report.notes)
 
 

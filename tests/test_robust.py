@@ -7,8 +7,16 @@ import pytest
 from scipy import stats
 
 import hbbogie as hb
-from hbbogie.design_point import design_point
-from hbbogie.robust import MonteCarlo, RobustValue, Spread, Uncertainty, monte_carlo, predicted_below, spreads
+from hbbogie.design import (
+    MonteCarlo,
+    RobustValue,
+    Spread,
+    Uncertainty,
+    design_point,
+    monte_carlo,
+    predicted_below,
+    spreads,
+)
 
 FACTORS = {
     "f11": stats.lognorm(0.1),

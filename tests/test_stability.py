@@ -8,8 +8,6 @@ from known_cycles import lure, radial
 
 from hbbogie import (
     Coordinate,
-    Cubic,
-    DeadBand,
     Element,
     HarmonicBalance,
     Parameter,
@@ -20,11 +18,11 @@ from hbbogie import (
     solve,
     trace,
 )
-from hbbogie.cycles import crossings
+from hbbogie.branches import crossings
 from hbbogie.errors import ModelError
-from hbbogie.integration import simulate
+from hbbogie.model import Cubic, DeadBand
+from hbbogie.motion import last_orbit, settle, simulate
 from hbbogie.results import Branch, Orbit
-from hbbogie.settling import last_orbit, settle
 from hbbogie.stability import floquet
 from problems.yang1995 import bogie
 

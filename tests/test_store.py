@@ -23,11 +23,7 @@ import pytest
 from small_studies import finished, process, wait_for, write_study
 
 import hbbogie as hb
-from hbbogie.studies.dataset import dataset_of, export
-from hbbogie.studies.fingerprints import options_text
-from hbbogie.studies.sampling import grid
-from hbbogie.studies.store import Store
-from hbbogie.studies.study import load_study
+from hbbogie.studies import Store, dataset_of, export, grid, load_study, options_text
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="needs signals, users and limits of Unix")
 NAMES = ["product", "third", "name", "status", "failed"]
@@ -347,7 +343,7 @@ def test_full_disk_stops_before_work_starts(tmp_path):
 import resource
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 import hbbogie as hb
-from hbbogie.studies.study import load_study
+from hbbogie.studies import load_study
 w = load_study({str(path)!r})
 try:
     hb.sweep(w.job, w.points, problem=w.problem, store={str(store)!r}, workers=0)
@@ -370,7 +366,7 @@ def test_full_disk_leaves_no_part_of_an_export(tmp_path):
 import resource
 import hbbogie as hb
 from hbbogie import studies
-from hbbogie.studies.reporting import report_of, write_html
+from hbbogie.reports import report_of, write_html
 points = studies.random({{"k": (1.0, 2.0), "c": (1.0, 2.0)}}, 1000)
 data = hb.sweep({f"{tmp_path}/jobs.py:product"!r}, points, problem={f"{tmp_path}/spring.py"!r}, workers=0)
 report = report_of(data, "full" * 2000)

@@ -17,10 +17,17 @@ from small_studies import process, write_study
 
 import hbbogie as hb
 from hbbogie import plot, studies
-from hbbogie.studies.distributions import Scaled, named_distribution, unit_factor
-from hbbogie.studies.jobs import critical
-from hbbogie.studies.reporting import report_of, write_html
-from hbbogie.studies.statistics import exceedance, independent, prediction, sobol_indices
+from hbbogie.reports import report_of, write_html
+from hbbogie.studies import (
+    Scaled,
+    critical,
+    exceedance,
+    independent,
+    named_distribution,
+    prediction,
+    sobol_indices,
+    unit_factor,
+)
 
 
 @pytest.fixture(scope="module")

@@ -80,7 +80,7 @@ def test_nonlinear_inertia_is_solved_for(x, c):
 
 def test_matrices_and_equations_give_the_same_system(x, y, c):
     M, D, K = np.diag([1.0, 2.0]), np.array([[0.1, 0.0], [0.0, 0.3]]), np.array([[3.0, -1.0], [-1.0, 2.0]])
-    law = hb.DeadBand(5.0, 0.1)
+    law = hb.model.DeadBand(5.0, 0.1)
     matrices = System.from_matrices("m", M, D, K, {"stop": (law, [1.0, -1.0])}, coordinates=["x", "y"])
     stop = Element("stop", law, x - y)
     equations = System(
@@ -109,7 +109,7 @@ def test_symmetry_is_decided_for_any_expression(x, c, force, odd):
 
 
 def test_one_sided_stop_is_not_odd(x):
-    stop = Element("stop", hb.Tabulated((0.0, 1.0, 2.0), (0.0, 0.0, 5.0)), x)
+    stop = Element("stop", hb.model.Tabulated((0.0, 1.0, 2.0), (0.0, 0.0, 5.0)), x)
     assert not System("s", [x], [], [x.ddot + x + stop], [stop]).odd
 
 
@@ -143,12 +143,12 @@ class TestWrongInput:
             System("s", [x], [], [x.ddot + c * x])
 
     def test_unlisted_element(self, x):
-        stop = Element("stop", hb.DeadBand(1.0, 1.0), x)
+        stop = Element("stop", hb.model.DeadBand(1.0, 1.0), x)
         with pytest.raises(ModelError, match="stop"):
             System("s", [x], [], [x.ddot + x + stop])
 
     def test_unused_element(self, x):
-        stop = Element("stop", hb.DeadBand(1.0, 1.0), x)
+        stop = Element("stop", hb.model.DeadBand(1.0, 1.0), x)
         with pytest.raises(ModelError, match="stands in no equation"):
             System("s", [x], [], [x.ddot + x], [stop])
 
@@ -173,7 +173,7 @@ class TestWrongInput:
             System("s", [x], [], [x.ddot**2 + x.ddot + x])
 
     def test_law_of_a_product(self, x, y):
-        stop = Element("stop", hb.DeadBand(1.0, 1.0), x * y)
+        stop = Element("stop", hb.model.DeadBand(1.0, 1.0), x * y)
         with pytest.raises(ModelError, match="not a linear combination"):
             System("s", [x, y], [], [x.ddot + stop, y.ddot], [stop])
 
@@ -188,4 +188,4 @@ class TestWrongInput:
 
     def test_direction_shape(self):
         with pytest.raises(ModelError, match="direction has shape"):
-            System.from_matrices("m", np.eye(2), np.eye(2), np.eye(2), {"s": (hb.Cubic(1.0), [1.0])})
+            System.from_matrices("m", np.eye(2), np.eye(2), np.eye(2), {"s": (hb.model.Cubic(1.0), [1.0])})

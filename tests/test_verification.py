@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie import verification
-from hbbogie.errors import ConvergenceError, ModelError
-from hbbogie.verification import Verification, defect, verify
+from hbbogie.errors import ModelError
+from hbbogie.results import ConvergenceError
+from hbbogie.stability import Shooting, Verification, defect, verify
+from hbbogie.stability.verification import _closed
 
 TOLERANCE = 1e-10  # asked for; ten times as much is allowed
 # V [m/s], omega [rad/s], largest |q1| and |q3| [m] of exact orbits: contact times located, matrix exponentials
@@ -40,13 +41,13 @@ def van_der_pol() -> hb.System:
 
 
 def cycle_of_van_der_pol(system: hb.System, mu: float, H: int) -> hb.Orbit:
-    guess = hb.last_orbit(system, hb.settle(system, {"x": 1.0}, mu=mu).trajectory, H)
+    guess = hb.motion.last_orbit(system, hb.motion.settle(system, {"x": 1.0}, mu=mu).trajectory, H)
     return hb.solve(hb.HarmonicBalance(H).equations(system), guess, mu=mu)
 
 
 @pytest.mark.parametrize("row", EXACT)
 def test_stable_cycles_of_the_bogie(bogie, balance, branch, row) -> None:
-    from hbbogie.cycles import crossings
+    from hbbogie.branches import crossings
 
     orbit = max(crossings(balance, branch, row[0]), key=lambda o: o.amplitude("q1"))
     found = verify(bogie, orbit)
@@ -157,10 +158,10 @@ def test_strongly_unstable_cycle_is_held(van_der_pol) -> None:
 def test_contacts_and_a_smooth_nonlinearity() -> None:
     """The polished orbit against a motion integrated step by step."""
     x, mu = hb.Coordinate("x"), hb.Parameter("mu", 1.0)
-    stop = hb.Element("stop", hb.DeadBand(stiffness=20.0, gap=1.0), x)
+    stop = hb.Element("stop", hb.model.DeadBand(stiffness=20.0, gap=1.0), x)
     system = hb.System("stopped", [x], [mu], [x.ddot - mu * (1 - x**2) * x.dot + x + stop], [stop])
-    settled = hb.settle(system, {"x": 1.0}).trajectory
-    found = verify(system, hb.last_orbit(system, settled, 25))
+    settled = hb.motion.settle(system, {"x": 1.0}).trajectory
+    found = verify(system, hb.motion.last_orbit(system, settled, 25))
     start = {"x": found.orbit.q(0)[0, 0], "x'": found.orbit.v(0)[0, 0]}
     after = hb.simulate(system, start, found.orbit.period, method="cvodes", step=1e-2, tolerance=1e-11)
     assert "4 contact(s)" in found.status
@@ -171,11 +172,11 @@ def test_contacts_and_a_smooth_nonlinearity() -> None:
 def test_contacts_at_the_same_time() -> None:
     """Two equal stops at one place are one stop twice as stiff."""
     x = hb.Coordinate("x")
-    one, two = (hb.Element(name, hb.DeadBand(stiffness=5.0, gap=1.0), x) for name in ("one", "two"))
+    one, two = (hb.Element(name, hb.model.DeadBand(stiffness=5.0, gap=1.0), x) for name in ("one", "two"))
     motion = x.ddot - 0.3 * (1 - x**2) * x.dot + x
     both = hb.System("stops", [x], [], [motion + one + two], [one, two])
     single = hb.System("stops", [x], [], [motion + 2 * one], [one])
-    orbit = hb.last_orbit(single, hb.settle(single, {"x": 1.0}).trajectory, 25)
+    orbit = hb.motion.last_orbit(single, hb.motion.settle(single, {"x": 1.0}).trajectory, 25)
     a, b = verify(both, orbit), verify(single, orbit)
     assert "8 contact(s)" in a.status and "4 contact(s)" in b.status
     assert a.orbit.omega == pytest.approx(b.orbit.omega, rel=10 * TOLERANCE)
@@ -231,11 +232,11 @@ def test_a_hidden_kink_is_closed_in_on() -> None:
     import casadi as ca
 
     x = hb.Coordinate("x")
-    stop = hb.Element("stop", hb.DeadBand(stiffness=20.0, gap=1.0), x)
+    stop = hb.Element("stop", hb.model.DeadBand(stiffness=20.0, gap=1.0), x)
     bump = 20 * (ca.fmax(x - 1, 0) - ca.fmax(-x - 1, 0))
     hidden = hb.System("hidden", [x], [], [x.ddot - (1 - x**2) * x.dot + x + bump])
     known = hb.System("known", [x], [], [x.ddot - (1 - x**2) * x.dot + x + stop], [stop])
-    orbit = hb.last_orbit(known, hb.settle(known, {"x": 1.0}).trajectory, 25)
+    orbit = hb.motion.last_orbit(known, hb.motion.settle(known, {"x": 1.0}).trajectory, 25)
     assert verify(hidden, orbit).orbit.omega == pytest.approx(verify(known, orbit).orbit.omega, rel=10 * TOLERANCE)
 
 
@@ -244,14 +245,14 @@ def test_a_jump_is_not_resolved() -> None:
 
     x = hb.Coordinate("x")
     system = hb.System("jumping", [x], [], [x.ddot + x + 0.2 * x.dot - 0.5 * ca.sign(x.dot)])
-    orbit = hb.last_orbit(system, hb.settle(system, {"x": 1.0}).trajectory, 25)
+    orbit = hb.motion.last_orbit(system, hb.motion.settle(system, {"x": 1.0}).trajectory, 25)
     with pytest.raises(ConvergenceError):
         verify(system, orbit)
 
 
 def test_determinant_of_the_bogie_by_liouville(bogie, cycles_at_90) -> None:
     """The flanges act on positions alone, so the trace of the state matrix is the same along the whole cycle."""
-    shooting, path, step = verification._closed(bogie, cycles_at_90[-1], TOLERANCE)
+    shooting, path, step = _closed(bogie, cycles_at_90[-1], TOLERANCE)
     p = bogie.vector(**cycles_at_90[-1].parameters)
     exact = path.durations.sum() * np.trace(bogie.ode_jacobian(np.zeros(14), p).full())
     assert shooting.trace(path) == pytest.approx(exact, rel=1e-12)
@@ -260,6 +261,6 @@ def test_determinant_of_the_bogie_by_liouville(bogie, cycles_at_90) -> None:
 
 def test_a_determinant_that_is_off_is_not_trusted(van_der_pol, monkeypatch) -> None:
     orbit = cycle_of_van_der_pol(van_der_pol, 1.0, 15)
-    monkeypatch.setattr(verification.Shooting, "trace", lambda shooting, path: np.log(8.7e-4))  # truth: 8.597e-4
+    monkeypatch.setattr(Shooting, "trace", lambda shooting, path: np.log(8.7e-4))  # truth: 8.597e-4
     stability = verify(van_der_pol, orbit).orbit.stability
     assert stability.verdict == "unknown" and "Liouville" in stability.reason

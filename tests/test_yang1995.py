@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.cycles import crossings
+from hbbogie.branches import crossings
 
 problem = hb.load_problem("yang1995")
 STABLE = [s for s in problem.TABLE_1 if s.a1_ni is not None]

@@ -21,7 +21,7 @@ from hbbogie.methods.condensation import choose_rows, dynamic_stiffness
 from hbbogie.methods.contact import make_ramp
 from hbbogie.methods.layout import Layout
 from hbbogie.methods.sampling import Sampling
-from hbbogie.system import System
+from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
 ElementForce = Callable[[Any, ca.SX, ca.SX], ca.SX]

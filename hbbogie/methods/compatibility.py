@@ -29,10 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from hbbogie.errors import ConvergenceError, ModelError, unknown_name
+from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.equivalent import Critical, EquivalentSystem
+from hbbogie.model.system import System
 from hbbogie.results import Orbit
-from hbbogie.system import System
+from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 AGREED = 1e-12  # objective up to which inputs and outputs count as compatible

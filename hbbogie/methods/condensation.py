@@ -9,8 +9,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from hbbogie.analysis import Parts
-from hbbogie.system import System
+from hbbogie.model.parts import Parts
+from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig
 
-from hbbogie.errors import ConvergenceError, ModelError, unknown_name
-from hbbogie.methods.describing import first_order
-from hbbogie.system import Parameter, System
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.methods.describing_functions import first_order
+from hbbogie.model.symbols import Parameter
+from hbbogie.model.system import System
+from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

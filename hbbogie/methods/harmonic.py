@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from hbbogie.analysis import is_odd
-from hbbogie.equations import Equations
 from hbbogie.errors import ModelError
 from hbbogie.methods.assembly import Assembly
+from hbbogie.methods.equations import Equations
 from hbbogie.methods.layout import Layout, make_layout
-from hbbogie.methods.waist import make_equations
-from hbbogie.system import System
+from hbbogie.methods.scales import make_equations
+from hbbogie.model.parts import is_odd
+from hbbogie.model.system import System
 
 
 @dataclass(frozen=True)

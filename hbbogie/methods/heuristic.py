@@ -17,10 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ConvergenceError, ModelError, unknown_name
+from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.compatibility import Compatible, compatible
 from hbbogie.methods.equivalent import Critical, EquivalentSystem
-from hbbogie.system import System
+from hbbogie.model.system import System
+from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 ANYWHERE = (-np.inf, np.inf)  # a guess replaces the interval

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.analysis import Parts
 from hbbogie.errors import ModelError
-from hbbogie.system import System
+from hbbogie.model.parts import Parts
+from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
 

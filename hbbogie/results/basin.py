@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.results.orbit import read, write
+from hbbogie.results.netcdf import read, write
 
 if TYPE_CHECKING:
     import xarray as xr

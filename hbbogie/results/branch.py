@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.results.orbit import Orbit, labels_of, pack, read, unpack, write
+from hbbogie.results.netcdf import read, write
+from hbbogie.results.orbit import Orbit, labels_of, pack, unpack
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.results.orbit import write
+from hbbogie.results.netcdf import write
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,35 +1,10 @@
 """Studies: one job at many parameter points, on any executor, into a store that survives.
 
-`sweep` is the verb; `grid`, `latin_hypercube`, `sobol`, `random`, `saltelli`, `listed` and `from_csv` make the points;
-what comes back is a labelled dataset, which `export` writes and `hbbogie.studies.statistics` looks into.
+`sweep` is the verb; `grid`, `latin_hypercube`, `sobol`, `random`, `saltelli`, `listed` and `from_csv` make the points.
+What comes back is a labelled dataset, which `export` writes and `exceedance`, `sobol_indices` and `prediction` look
+into.
 """
 
-from hbbogie.studies.dataset import export
-from hbbogie.studies.distributions import named_distribution
-from hbbogie.studies.sampling import (
-    Points,
-    around,
-    from_csv,
-    grid,
-    latin_hypercube,
-    listed,
-    random,
-    saltelli,
-    sobol,
-)
-from hbbogie.studies.sweep import sweep
+import lazy_loader
 
-__all__ = [
-    "Points",
-    "around",
-    "export",
-    "from_csv",
-    "grid",
-    "latin_hypercube",
-    "listed",
-    "named_distribution",
-    "random",
-    "saltelli",
-    "sobol",
-    "sweep",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

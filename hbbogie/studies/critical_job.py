@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.continuation import trace
-from hbbogie.critical import Critical, fold, hopf_gradient
-from hbbogie.cycles import default_reach
-from hbbogie.equations import Equations
+from hbbogie.critical.folds import Critical
+from hbbogie.critical.hopf_gradients import hopf_gradient
+from hbbogie.critical.lowest import _all, _lowest, _warm
+from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.guesses import hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.results import Orbit, SpecialPoint
-from hbbogie.studies.ladder import climb
-from hbbogie.system import System
+from hbbogie.model.ranges import default_reach
+from hbbogie.model.system import System
 
 Outputs = dict[str, Any]
 Array = NDArray[np.float64]
 FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's are among the first
 SEARCHES = ("lowest", "all", "warm")
-KNOWN = 200  # folds kept for warm starts
-NEAR = 0.2  # relative distance of parameters, and of the frequency, up to which they serve
-NARROW = (1e-5, 1e-7)  # widths to which folds are bracketed, tried in turn
-PLAIN: dict[str, Any] = {"max_points": 200, "families": False, "stability": False}  # how branches are traced
-MARGIN = 0.05  # by which a branch goes on beyond its Hopf point's value, as a share of the interval below
-STEPS = (0.02, 0.05, 0.005)  # first steps of a continuation, tried in turn
 
 
 def critical(
@@ -113,81 +103,3 @@ def critical(
 def _point(kind: str, c: Critical, gradients: bool) -> Outputs:
     slopes = {f"d{kind}_d{name}": slope for name, slope in c.gradient.items()} if gradients else {}
     return {kind: c.value, f"{kind}_omega": c.omega, **slopes}
-
-
-@dataclass(frozen=True, eq=False)
-class _Followed:
-    """The folds of a branch, the lowest value met, why it ended, and whether it was followed to its end."""
-
-    folds: list[Critical]
-    lowest: float
-    end: str
-    complete: bool
-
-
-def _warm(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
-    """Go to the fold from the nearest one known; where that leads elsewhere or is far, follow the branch."""
-    system, name = equations.system, hopf.parameter
-    p = np.delete(system.vector(), system.parameter_names.index(name))
-    known: deque[tuple[Array, Orbit]] = equations.once(("known folds", name), lambda: deque(maxlen=KNOWN))
-
-    def distance(entry: tuple[Array, Orbit]) -> float:
-        return float(np.max(np.abs(p - entry[0]) / np.where(entry[0] == 0, 1.0, np.abs(entry[0])), initial=0.0))
-
-    nearest = min(known, key=distance, default=None)
-    if nearest is not None and distance(nearest) <= NEAR:
-        try:
-            c = fold(equations, nearest[1], name, search=False)
-            one = c.extremum == "minimum" and span[0] <= c.value < hopf.value
-            if one and abs(c.omega / hopf.omega - 1) <= NEAR:
-                known.append((p, c.orbit))
-                return _Followed([c], c.value, "reached from the fold of a neighbour", True)
-        except FAILURES:
-            pass
-    found = _lowest(equations, hopf, span, hopf.value)
-    known.extend((p, c.orbit) for c in found.folds if c.gradient)
-    return found
-
-
-def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _Followed:
-    """Follow a branch until it is back at its Hopf point's value; solve for the folds below a value."""
-    lost = None
-    for narrow in NARROW:
-        try:
-            ladder = climb(equations, hopf, span[0], below, narrow)
-            if not ladder.complete:
-                lost = _Followed([], ladder.lowest, ladder.end, False)
-                break
-            near = [orbit for orbit in ladder.folds if orbit.parameters[hopf.parameter] < below]
-            found = [fold(equations, orbit, hopf.parameter, search=False) for orbit in near]
-            return _Followed(found, ladder.lowest, ladder.end, True)
-        except FAILURES:
-            continue
-    if lost is not None and below < min(hopf.value, lost.lowest):
-        return lost  # a branch far above what is looked for is not worth the longer way, by arclength
-    return _all(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))
-
-
-def _all(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
-    """Follow a branch through an interval."""
-    reason = ""
-    for step in STEPS:
-        try:
-            branch = trace(equations, hopf, hopf.parameter, span, step=step, **PLAIN)
-        except FAILURES as error:
-            reason = reason or str(error).partition("\n")[0]
-            continue
-        end = branch.ends[1]
-        stuck = end.startswith(("no further point", "the largest number"))
-        folds = [_located(equations, s) for s in branch.folds()]
-        return _Followed(folds, float(branch.values.min()), end.partition(";")[0], not stuck)
-    return _Followed([], hopf.value, f"no branch was traced: {reason}", False)
-
-
-def _located(equations: Equations, special: SpecialPoint) -> Critical:
-    """Return a fold of a branch with its gradient; without one where the conditions of optimality are not met."""
-    try:
-        return fold(equations, special, special.parameter, search=False)
-    except FAILURES:
-        nan, name, orbit = float("nan"), special.parameter, special.orbit
-        return Critical("fold", name, special.value, "", special.omega, {}, orbit, nan, nan, special.status)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbbogie.errors import ModelError
+from hbbogie.model.system import System
 from hbbogie.studies.jobs import output_units
 from hbbogie.studies.optional import required
 from hbbogie.studies.store import NOMINAL, Store
-from hbbogie.system import System
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hbbogie.system import System
+from hbbogie.model.system import System
 
 
 def problem_hash(system: System) -> str:

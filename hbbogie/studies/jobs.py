@@ -14,15 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from hbbogie.comparison import compare as compare_methods
-from hbbogie.continuation import trace
-from hbbogie.cycles import crossings, default_reach, find_cycles
+from hbbogie.branches.comparison import compare as compare_methods
+from hbbogie.branches.continuation import trace
+from hbbogie.branches.crossing import crossings
+from hbbogie.branches.cycles import find_cycles
+from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.guesses import hopf_points
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.problem import load_problem
+from hbbogie.model.problem import load_problem
+from hbbogie.model.ranges import default_reach
+from hbbogie.model.system import System
 from hbbogie.studies.critical_job import Outputs, critical
-from hbbogie.system import System
 
 __all__ = ["JOBS", "Outputs", "branch", "compare", "critical", "cycles", "job_function", "output_units"]
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from hbbogie.errors import ModelError
-from hbbogie.processes import cores, kill_workers, one_thread_each, start_worker, starting
+from hbbogie.parallel.processes import cores, kill_workers, one_thread_each, start_worker, starting
 from hbbogie.studies.optional import required
 from hbbogie.studies.tasks import Outcome, Task, run_point, stop_study
 

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 
-from hbbogie.curves import Progress
 from hbbogie.errors import ModelError
-from hbbogie.processes import LOOK, interruptions
+from hbbogie.parallel.processes import LOOK, interruptions
+from hbbogie.progress import Progress
 from hbbogie.studies.runners import Runner, lost_executor
 from hbbogie.studies.store import NOMINAL, Store
 from hbbogie.studies.tasks import Outcome, check_names, failure

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.problem import load_problem, shipped_folder, shipped_problems, system_of
+from hbbogie.model.problem import load_problem, shipped_folder, shipped_problems, system_of
+from hbbogie.model.system import System
 from hbbogie.studies.jobs import JOBS, job_function, wrong_option
 from hbbogie.studies.sampling import Points
 from hbbogie.studies.store import is_store
 from hbbogie.studies.study_points import PointsReader
-from hbbogie.studies.sweep import task_of
-from hbbogie.system import System
+from hbbogie.studies.sweeps import task_of
 
 KEYS = ("title", "problem", "job", "outputs", "values", "options", "points", "figures")
 # kind -> keys that it needs, keys that it may have

@@ -11,10 +11,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from hbbogie.errors import ModelError, unknown_name
+from hbbogie.model.system import System
 from hbbogie.studies import sampling
 from hbbogie.studies.distributions import Scaled, named_distribution, unit_factor
 from hbbogie.studies.sampling import Points
-from hbbogie.system import System
 
 # sample -> keys besides it
 SAMPLES: dict[str, tuple[str, ...]] = {

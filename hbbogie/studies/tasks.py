@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from hbbogie.errors import ModelError
-from hbbogie.problem import load_problem, system_of
-from hbbogie.processes import TimeLimit, limited, told_to_stop
+from hbbogie.model.problem import load_problem, system_of
+from hbbogie.model.system import System
+from hbbogie.parallel.processes import TimeLimit, limited, told_to_stop
 from hbbogie.studies.fingerprints import code_of, digest, options_text, problem_hash, source_of, versions
 from hbbogie.studies.jobs import JOBS, Outputs, job_function
-from hbbogie.system import System
 
 RESERVED = ("point", "seconds", "worker", "finished")  # names of a study's own columns, with "status" and "failed"
 

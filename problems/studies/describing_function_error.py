@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hbbogie import ConvergenceError, HarmonicBalance, Orbit, SpecialPoint, System, hopf_points, trace
-from hbbogie.cycles import crossings
-from hbbogie.studies.jobs import critical
+from hbbogie import ConvergenceError, HarmonicBalance, Orbit, System, hopf_points, trace
+from hbbogie.branches import crossings
+from hbbogie.results import SpecialPoint
+from hbbogie.studies import critical
 
 MANY = 15  # highest harmonic of what is taken as the truth
 ABOVE = 1.1  # speed of the comparison, in units of that of the Hopf point

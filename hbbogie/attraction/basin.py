@@ -1,0 +1,345 @@
+"""Basins of attraction: motions from many initial states at many parameter values, and how each ends."""
+
+from __future__ import annotations
+
+import functools
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hbbogie.attraction.endings import Ends, Place, follow, place_of, states_of, steps_for
+from hbbogie.branches.crossing import branches_from_hopf, crossings
+from hbbogie.branches.judging import stability_of
+from hbbogie.branches.simulated import distinct
+from hbbogie.errors import ModelError, positive
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import default_reach
+from hbbogie.model.system import System
+from hbbogie.motion.integration import initial_state
+from hbbogie.parallel.processes import (
+    LOOK,
+    interruptions,
+    kill_workers,
+    one_thread_each,
+    start_worker,
+    starting,
+    told_to_stop,
+)
+from hbbogie.progress import Progress, silent
+from hbbogie.results import Basin, Branch, Orbit
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+HARMONICS = 31  # of the cycles that motions are compared with
+PERIODS = 130  # that a motion is followed where no duration is given
+MOTIONS = 32  # in one task: one call of the mapped integrator advances them all
+
+
+def find_basin(
+    system: System,
+    parameter: str,
+    values: ArrayLike,
+    factors: ArrayLike,
+    *,
+    along: Mapping[str, float] | None = None,
+    duration: float | None = None,
+    branches: Sequence[Branch] | None = None,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> Basin:
+    """Find out how motions end: at rest, on a stable cycle, or undecided.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str
+    values : array_like, shape (values,), unit of the parameter
+    factors : array_like, shape (factors,)
+        Each multiplies the direction; the motion starts so far from the equilibrium.
+    along : mapping from name to value, unit of the coordinate (with a prime: per second), optional
+        The direction: with ``{"q1": 1, "q3": 1}`` and factors in m two coordinates are released from the same
+        displacement. Where left out, the state at phase 0 on the smallest unstable cycle of each value (of the
+        nearest value that has one): then the boundary of the basin along the direction is at factor 1.
+    duration : float, s, optional
+        Longest time a motion is followed; 130 periods where left out.
+    branches : sequence of Branch, optional
+        The cycles over the parameter; traced from its Hopf points where left out.
+    workers : int
+        Processes. With more than 1 a script has to guard what it does by ``if __name__ == "__main__":``.
+    progress : callable
+        Called with (message, fraction done or None).
+
+    Returns
+    -------
+    Basin
+        A motion that cannot be followed is "undecided", with a reason.
+
+    Raises
+    ------
+    ModelError
+        For wrong names or values, or where there is no unstable cycle to take a direction from.
+
+    Notes
+    -----
+    Motions are advanced by the classical Runge-Kutta method, at least 256 steps per period, and looked at once
+    per period.
+
+    *Rest* is proved where the equilibrium is linearly stable and the system is linear but for gaps. With the
+    eigenvectors v_i and the motion at x = x_0 + sum_i c_i v_i, the argument u = w . x of every contact obeys
+    abs(u - u_0) <= sum_i abs(c_i w . v_i) from then on as long as no kink is met; where that sum is smaller than
+    the distance to the nearest kink, none is ever met, and the motion decays (eq-rest). In a system with another
+    nonlinearity "rest" means that the same sum has fallen, for every state, below a thousandth of the smallest cycle.
+
+    *Cycle*: the state is near a stable cycle, closer than a fiftieth of its size and a fifth of its distance from
+    the next cycle, and was farther away one period before.
+    """
+    system.parameter(parameter)
+    V, f = _increasing("values", values), _increasing("factors", factors)
+    name, start = check(system, along, duration, workers)
+    notes: list[str] = []
+    if branches is None:
+        progress("tracing the cycles", None)
+        middle = system.with_parameters(**{parameter: float(np.median(V))})
+        reach = default_reach(middle, parameter)
+        branches = branches_from_hopf(_equations(system), parameter, reach, families=False)
+    cycles = _cycles(system, parameter, V, branches, notes, progress)
+    everywhere = [o for some in cycles for o in some]
+    at = [system.with_parameters(**{parameter: float(v)}) for v in V]
+    places = [_place(s, parameter, some, everywhere, notes) for s, some in zip(at, cycles, strict=True)]
+    unstable = np.array([min(_peaks(some, "unstable", name), default=np.nan) for some in cycles])
+    if start is None:
+        text = "the state at phase 0 on the smallest unstable cycle, relative to the equilibrium"
+        nearest = _nearest(parameter, V, unstable, name)
+        shapes = np.array([_shape(system, cycles[k], places[k], name) for k in nearest])
+        amplitudes = np.abs(f) * unstable[nearest][:, None]
+    else:
+        text = ", ".join(f"{key} = {value:g}" for key, value in (along or {}).items())
+        shapes = np.tile(start, (len(V), 1))
+        amplitudes = np.tile(np.abs(f * start[system.index(name)]), (len(V), 1))
+    longest = [duration or PERIODS * (place.period if place else 0.0) for place in places]
+    steps = steps_for(system, [(place, np.abs(f).max() * x) for place, x in zip(places, shapes, strict=True) if place])
+    ends = _ends(_Job(system, places, longest, steps), shapes, f, int(workers), progress)
+    stable = [_peaks(some, "stable", name) for some in cycles]  # in the order of the places
+    at_rest = np.where(ends.outcome == "rest", 0.0, np.nan)
+    peaks = np.array(
+        [[some[k] if k >= 0 else np.nan for k in row] for some, row in zip(stable, ends.cycle, strict=True)]
+    )
+    return Basin(
+        system.name,
+        parameter,
+        system.parameter(parameter).unit,
+        V,
+        name,
+        system.coordinates[system.index(name)].unit,
+        f,
+        amplitudes,
+        text,
+        ends.outcome,
+        ends.time,
+        np.where(ends.outcome == "cycle", peaks, at_rest),
+        ends.reason,
+        unstable,
+        np.array([max(some, default=np.nan) for some in stable]),
+        {key: value for key, value in system.values.items() if key != parameter},
+        tuple(dict.fromkeys(notes)),
+    )
+
+
+def _increasing(name: str, given: ArrayLike) -> Array:
+    """Return increasing numbers; raise `ModelError` for anything else."""
+    x = np.atleast_1d(np.asarray(given, dtype=float))
+    if x.ndim != 1 or not len(x) or not np.isfinite(x).all() or (np.diff(x) <= 0).any():
+        raise ModelError(f"{name}: got {np.array2string(x, threshold=8)}; give finite numbers in increasing order.")
+    return x
+
+
+def check(
+    system: System, along: Mapping[str, float] | None, duration: float | None, workers: int
+) -> tuple[str, Array | None]:
+    """Check the arguments of `find_basin`.
+
+    Parameters
+    ----------
+    system, along, duration, workers
+        As of `find_basin`.
+
+    Returns
+    -------
+    name : str
+        The coordinate that amplitudes are given in.
+    start : ndarray, shape (n_states,), or None
+        The state for factor 1 where a direction is given.
+
+    Raises
+    ------
+    ModelError
+        For wrong input.
+    """
+    if duration is not None:
+        positive("duration", duration, "s")
+    if int(workers) != workers or workers < 1:
+        raise ModelError(f"workers: got {workers!r}; give a whole number of processes, 1 or more.")
+    if along is None:
+        return (system.nonlinear_coordinates or system.coordinate_names)[0], None
+    start = initial_state(system, along)[1]
+    moved = [key for key in along if key in system.coordinate_names and along[key] != 0]
+    if not moved:
+        raise ModelError(
+            f"along: got {dict(along)!r}; give at least one coordinate that is displaced, such as "
+            f"{{{system.coordinate_names[0]!r}: 1}}."
+        )
+    return moved[0], start
+
+
+def _equations(system: System) -> Equations:
+    return HarmonicBalance(HARMONICS).equations(system)
+
+
+def _cycles(
+    system: System, parameter: str, V: Array, branches: Sequence[Branch], notes: list[str], progress: Progress
+) -> list[list[Orbit]]:
+    """Return the cycles at each value by growing amplitude, with their stability."""
+    equations, found = _equations(system), []
+    for i, value in enumerate(V):
+        progress(f"cycles: {parameter} = {value:.5g}", i / len(V))
+        here: list[Orbit] = []
+        for branch in branches:
+            try:
+                here += crossings(equations, branch, float(value))
+            except (ModelError, ConvergenceError) as error:
+                notes.append(f"Cycles at {parameter} = {value:g}: {error}")
+        found.append([o.replace(stability=stability_of(system, o)) for o in distinct(here)])
+    return found
+
+
+def _place(
+    system: System, parameter: str, cycles: Sequence[Orbit], others: Sequence[Orbit], notes: list[str]
+) -> Place | None:
+    """Return what decides the end of motions; None, and a note, where there is no equilibrium."""
+    try:
+        return place_of(system, parameter, cycles, others)
+    except ConvergenceError as error:
+        notes.append(str(error))
+        return None
+
+
+def _peaks(cycles: Sequence[Orbit], verdict: str, name: str) -> list[float]:
+    """Return the peaks of a coordinate on the cycles of one verdict, in their order."""
+    return [o.amplitude(name) for o in cycles if o.stability is not None and o.stability.verdict == verdict]
+
+
+def _nearest(parameter: str, V: Array, unstable: Array, name: str) -> NDArray[np.int_]:
+    """Return for each value the place of the nearest one with an unstable cycle."""
+    there = np.flatnonzero(np.isfinite(unstable))
+    if not len(there):
+        raise ModelError(
+            f"no unstable cycle was found at any value of {parameter} from {V[0]:g} to {V[-1]:g} whose shape the "
+            f"initial states could have; give a direction, along={{{name!r}: 1}} (--along {name}=1), or other values."
+        )
+    return there[np.argmin(np.abs(V[:, None] - V[there]), axis=1)]
+
+
+def _shape(system: System, cycles: Sequence[Orbit], place: Place | None, name: str) -> Array:
+    """Return the state at phase 0 on the smallest unstable cycle, relative to the equilibrium, shape (n_states,)."""
+    unstable = [o for o in cycles if o.stability is not None and o.stability.verdict == "unstable"]
+    rest = place.equilibrium if place else 0.0
+    return np.asarray(states_of(system, min(unstable, key=lambda o: o.amplitude(name)), 1)[0] - rest)
+
+
+# --- processes --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """What every task needs: the system, the places, the longest time at each [s], steps per period."""
+
+    system: System
+    places: list[Place | None]
+    longest: list[float]
+    steps: int
+
+    def run(self, i: int, x: Array, stopped: Callable[[], bool] = lambda: False) -> Ends:
+        """Follow the motions that start at x, relative to the equilibrium, at the place i."""
+        place = self.places[i]
+        if place is None:
+            return _failed(len(x), "no equilibrium was found")
+        try:
+            return follow(self.system, place, place.equilibrium + x, self.longest[i], self.steps, stopped)
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            return _failed(len(x), str(error))
+
+
+def _failed(count: int, reason: str) -> Ends:
+    return Ends(np.full(count, "undecided"), np.zeros(count), np.full(count, -1), np.full(count, reason))
+
+
+def _ends(job: _Job, shapes: Array, factors: Array, workers: int, progress: Progress) -> Ends:
+    """Return how all motions end, each array of shape (values, factors)."""
+    cuts = range(0, len(factors), MOTIONS)
+    tasks = [(i, slice(k, k + MOTIONS)) for i in range(len(shapes)) for k in cuts]
+    starts = [np.outer(factors[part], shapes[i]) for i, part in tasks]
+    done: list[Ends | None] = [None] * len(tasks)
+    run = _in_processes if workers > 1 else _in_turn
+    progress("following motions", 0.0)
+    for count, (k, ends) in enumerate(run(job, [i for i, _ in tasks], starts, min(workers, len(tasks)))):
+        done[k] = ends
+        progress("following motions", (count + 1) / len(tasks))
+    kept = [ends or _failed(len(x), "the process that followed it ended") for ends, x in zip(done, starts, strict=True)]
+    grid = (len(shapes), len(factors))
+    fields = (np.concatenate([getattr(e, name) for e in kept]) for name in ("outcome", "time", "cycle", "reason"))
+    return Ends(*(field.reshape(grid) for field in fields))
+
+
+def _in_turn(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int) -> Iterator[tuple[int, Ends]]:
+    for k, (i, x) in enumerate(zip(at, starts, strict=True)):
+        yield k, job.run(i, x)
+
+
+@functools.lru_cache(maxsize=1)
+def _unpacked(payload: bytes) -> _Job:
+    job: _Job = pickle.loads(payload)
+    return job
+
+
+def _task(payload: bytes, i: int, x: Array) -> Ends:
+    if told_to_stop():
+        raise CancelledError
+    return _unpacked(payload).run(i, x, told_to_stop)
+
+
+def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int) -> Iterator[tuple[int, Ends]]:
+    """Give the ends of the motions of each task as they come; what a broken process leaves out is not given."""
+    context = get_context("spawn")  # a fork would copy the threads of BLAS in whatever state they are
+    stop = context.Event()
+    # with each task: what is handed over at the start of a process blocks this one when that ends before it has read
+    payload = pickle.dumps(job)
+    pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
+    with one_thread_each(), interruptions() as pressed, pool:
+        futures: dict[Future[Ends], int] = {}
+        waiting: set[Future[Ends]] = set()
+        try:
+            with starting(), suppress(BrokenProcessPool):  # while a process may end already
+                for k, (i, x) in enumerate(zip(at, starts, strict=True)):
+                    futures[pool.submit(_task, payload, i, x)] = k
+            waiting |= set(futures)
+            while waiting and not pressed():
+                finished, waiting = wait(waiting, LOOK, FIRST_COMPLETED)
+                for future in finished:
+                    if not isinstance(future.exception(), BrokenProcessPool):
+                        yield futures[future], future.result()
+        finally:  # motions under way end at their next look, at a second Ctrl-C at once
+            stop.set()
+            while waiting and pressed() < 2:
+                waiting = wait(waiting, LOOK).not_done
+            if waiting:
+                kill_workers(pool)
+        if pressed():
+            raise KeyboardInterrupt

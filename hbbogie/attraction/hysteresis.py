@@ -1,0 +1,249 @@
+"""Hysteresis: a parameter falls from oscillation until it dies out, and rises from a disturbance until it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hbbogie.attraction.endings import place_of, steps_for
+from hbbogie.branches.crossing import branches_from_hopf, crossings
+from hbbogie.branches.judging import stability_of
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.equilibria.linearisation import Linearisation
+from hbbogie.errors import ModelError, positive
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.system import System
+from hbbogie.motion.integration import Initial, initial_state
+from hbbogie.motion.slow_parameter import simulate_ramp, turning_points
+from hbbogie.progress import Progress, silent
+from hbbogie.results import Branch, Hysteresis, Orbit, Passage
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+HARMONICS = 31  # of the cycles
+DISTURBANCE = 1e-2  # at the start of a rise, in units of the level
+SAMPLES = 201  # of the linear growth rate over the range
+
+
+def find_hysteresis(
+    system: System,
+    parameter: str,
+    interval: tuple[float, float],
+    rates: ArrayLike,
+    *,
+    coordinate: str | None = None,
+    level: float | None = None,
+    start: Mapping[str, float] | None = None,
+    rise_from: float | None = None,
+    branches: Sequence[Branch] | None = None,
+    progress: Progress = silent,
+) -> Hysteresis:
+    """Let a parameter fall from oscillation until it dies out, and rise from a disturbance until it starts.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str
+    interval : (float, float), unit of the parameter
+        It falls from the upper end, beginning on the largest stable cycle there, to the lower one, and rises to the
+        upper end.
+    rates : array_like, shape (rates,), unit of the parameter per second
+        Magnitudes, each for one fall and one rise.
+    coordinate : str, optional
+        Whose peaks are looked at; the first nonlinear one where left out.
+    level : float, unit of the coordinate, optional
+        The oscillation has *died out* where the peaks fall below it for good, and has *started* where they first
+        reach it. Where left out: the gap that the coordinate has to cross before it meets a piecewise-linear element,
+        so that the level is contact; without such an element half the peak of the cycle at the fold (of the
+        cycle at the upper end where there is no fold).
+    start : mapping from name to value, unit of the coordinate (with a prime: per second), optional
+        The disturbance, from the equilibrium, from which the rise begins; the coordinate displaced by a hundredth of
+        the level where left out.
+    rise_from : float, unit of the parameter, optional
+        Where the rise begins; at the first Hopf point in the interval where left out, or at its lower end.
+    branches : sequence of Branch, optional
+        The cycles over the parameter; traced from its Hopf points where left out.
+    progress : callable
+        Called with (message, fraction done or None).
+
+    Returns
+    -------
+    Hysteresis
+        A motion that blows up is a passage without peaks; its status says why.
+
+    Raises
+    ------
+    ModelError
+        For wrong names or values, or where there is no stable cycle at the upper end.
+
+    Notes
+    -----
+    A rise starts late for two reasons that do not vanish with the rate alike. Growth takes time once the equilibrium
+    is unstable; and on the way there the disturbance has decayed, which has to be made good first. Linear growth
+    reaches the level L from the disturbance a where the integral of sigma over the parameter is rate ln(L / a), sigma
+    the largest real part of the eigenvalues (eq-onset). From a start before the Hopf point that does not tend to the
+    Hopf point with the rate, but to a value as far beyond it, weighted with sigma, as the start lies before it. Real
+    track disturbs all the time; a rise that begins at the Hopf point leaves the memory out.
+    """
+    lo, hi = check_interval(system, parameter, interval)
+    speeds = np.sort(np.atleast_1d(np.asarray(rates, dtype=float)))[::-1]
+    if speeds.ndim != 1 or not len(speeds) or not (np.isfinite(speeds).all() and (speeds > 0).all()):
+        raise ModelError(f"rates: got {rates!r}; give finite numbers above 0, in units of {parameter} per second.")
+    name = coordinate or (system.nonlinear_coordinates or system.coordinate_names)[0]
+    i = system.index(name)
+    equations = HarmonicBalance(HARMONICS).equations(system)
+    if branches is None:
+        progress("tracing the cycles", None)
+        reach = default_reach(system.with_parameters(**{parameter: hi}), parameter)
+        around = min(lo, reach[0]), max(hi, reach[1])  # a branch may begin or turn outside the interval
+        branches = branches_from_hopf(equations, parameter, around, families=False)
+    cycle, branch = _start_cycle(system, parameter, hi, branches, name)
+    folds = [s for s in branch.folds() if s.value <= hi]
+    fold = max(folds, key=lambda s: s.value, default=None)
+    hopf = min((s.value for s in hopf_points(system, parameter, (lo, hi))), default=float("nan"))
+    limit, meaning = (level, "as given") if level is not None else _level(system, name, fold.orbit if fold else cycle)
+    limit = positive("level", limit, system.coordinates[i].unit or "1")
+    bottom = rise_from if rise_from is not None else hopf if np.isfinite(hopf) else lo
+    if not lo <= bottom < hi:
+        raise ModelError(f"rise_from: got {bottom:g}; give a value of {parameter} from {lo:g} to below {hi:g}.")
+    start_low, start_high = (system.with_parameters(**{parameter: v}) for v in (bottom, hi))
+    begin = start or {name: DISTURBANCE * limit}
+    rest = Linearisation(start_low, parameter).equilibrium(bottom)
+    disturbed = {n: v + (rest[system.index(n)] if n in system.coordinate_names else 0.0) for n, v in begin.items()}
+    kept = {n: float(v) for n, v in zip(system.coordinate_names, rest, strict=True)} | disturbed
+    place = place_of(start_high, parameter, [cycle], [])
+    step = cycle.period / steps_for(start_high, [(place, np.zeros(system.n_states))])
+    falling, rising = [], []
+    for k, rate in enumerate(speeds):
+        progress(f"ramps: rate {rate:g}", k / len(speeds))
+        foreseen = predicted_onset(start_low, begin, parameter, (bottom, hi), rate, name, limit)
+        look = (name, float(rest[i]), limit)
+        falling.append(_passage(start_high, cycle, -rate, parameter, (hi - lo) / rate, step, *look))
+        rising.append(_passage(start_low, kept, rate, parameter, (hi - bottom) / rate, step, *look, foreseen))
+    return Hysteresis(
+        system.name,
+        parameter,
+        system.parameter(parameter).unit,
+        (lo, hi),
+        name,
+        system.coordinates[i].unit,
+        limit,
+        meaning,
+        tuple(falling),
+        tuple(rising),
+        fold.value if fold else float("nan"),
+        hopf,
+        {n: v for n, v in system.values.items() if n != parameter},
+    )
+
+
+def _start_cycle(
+    system: System, parameter: str, value: float, branches: Sequence[Branch], name: str
+) -> tuple[Orbit, Branch]:
+    """Return the largest stable cycle at a value, and its branch."""
+    equations = HarmonicBalance(HARMONICS).equations(system)
+    found = [
+        (o.replace(stability=stability_of(system, o)), b) for b in branches for o in crossings(equations, b, value)
+    ]
+    stable = [(o, b) for o, b in found if o.stability is not None and o.stability.verdict == "stable"]
+    if not stable:
+        raise ModelError(
+            f"system {system.name!r} has no stable cycle at {parameter} = {value:g}, the upper end of the range, on a "
+            "branch that begins at a Hopf point; give another range."
+        )
+    return max(stable, key=lambda pair: pair[0].amplitude(name))
+
+
+def _level(system: System, name: str, cycle: Orbit) -> tuple[float, str]:
+    """Return the level for a coordinate, and what it is."""
+    gaps, zero, p = [], np.zeros(system.n), system.vector()
+    for e in system.elements:
+        if e.ramps is None:
+            continue
+        unit = np.eye(system.n)[system.index(name)]
+        across = [float(e.argument(q, zero, p)) for q in (zero, unit, *(np.eye(system.n) - np.diag(unit)))]
+        alone = across[1] - across[0] != 0 and all(u == across[0] for u in across[2:])
+        thresholds = np.array(e.directions) * e.ramps(p)[3].full().ravel()
+        if alone:
+            gaps.append(float(np.abs((thresholds - across[0]) / (across[1] - across[0])).min()))
+    if gaps and max(gaps) > 0:
+        return max(gaps), f"the gap, where contact of {name} ends and begins"
+    return 0.5 * cycle.amplitude(name), "half the peak of the cycle at the fold, or where there is none of the first"
+
+
+def _passage(
+    system: System,
+    initial: Initial,
+    rate: float,
+    parameter: str,
+    duration: float,
+    step: float,
+    name: str,
+    rest: float,
+    level: float,
+    predicted: float = float("nan"),
+) -> Passage:
+    """Follow a motion while the parameter changes from the system's value, and find where it crosses the level."""
+    try:
+        motion = simulate_ramp(system, initial, duration, parameter=parameter, rate=rate, step=step)
+    except ConvergenceError as error:
+        return Passage(rate, np.empty(0), np.empty(0), float("nan"), predicted, str(error))
+    times, peaks = turning_points(motion, name, rest)
+    values = system.values[parameter] + rate * times
+    above = np.flatnonzero(peaks >= level)
+    nowhere = Passage(rate, values, peaks, float("nan"), predicted, "")
+    if rate < 0:
+        if not len(above) or above[-1] == len(peaks) - 1:
+            return replace(nowhere, status="has not died out before the end of the range")
+        k, what = above[-1], "dies out"
+    else:
+        if not len(above) or above[0] == 0:
+            return replace(nowhere, status="above the level from the beginning" if len(above) else "has not started")
+        k, what = above[0] - 1, "starts"
+    share = (level - peaks[k]) / (peaks[k + 1] - peaks[k])
+    event = float(values[k] + share * (values[k + 1] - values[k]))
+    return replace(nowhere, event=event, status=f"{what} at {parameter} = {event:.6g}")
+
+
+def predicted_onset(
+    system: System,
+    start: Mapping[str, float],
+    parameter: str,
+    interval: tuple[float, float],
+    rate: float,
+    name: str,
+    level: float,
+) -> float:
+    """Return where a disturbance of the equilibrium reaches a level by linear growth (eq-onset); NaN where it does not.
+
+    Parameters
+    ----------
+    system : System
+    start : mapping from name to value, unit of the coordinate (with a prime: per second)
+        Relative to the equilibrium at the lower end of the interval, where the rise begins.
+    parameter : str
+    interval : (float, float), unit of the parameter
+    rate : float, unit of the parameter per second
+    name : str
+        The coordinate looked at.
+    level : float, unit of the coordinate
+    """
+    line = Linearisation(system, parameter)
+    values = np.linspace(*interval, SAMPLES)
+    sigma = np.array([line.eigen(float(v))[0][0].real for v in values])
+    eigenvalues, vectors = line.eigen(float(interval[0]))
+    share = np.linalg.solve(vectors, initial_state(system, start)[1].astype(complex))[0]
+    paired = 2.0 if abs(eigenvalues[0].imag) > 0 else 1.0
+    amplitude = paired * abs(share * vectors[system.index(name), 0])
+    if not 0 < amplitude < level:
+        return float("nan")
+    growth = np.r_[0.0, np.cumsum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(values))] - rate * np.log(level / amplitude)
+    reached = np.flatnonzero(growth >= 0)
+    if not len(reached):
+        return float("nan")
+    k = int(reached[0])
+    return float(np.interp(0.0, growth[k - 1 : k + 1], values[k - 1 : k + 1]))

@@ -1,0 +1,17 @@
+from .comparison import Comparison as Comparison
+from .comparison import compare as compare
+from .comparison import method_named as method_named
+from .continuation import trace as trace
+from .criticality import onset as onset
+from .crossing import crossings as crossings
+from .cycles import ORDERS as ORDERS
+from .cycles import find_cycles as find_cycles
+from .diagram import Curves as Curves
+from .diagram import curves as curves
+from .isolated import isolated_branches as isolated_branches
+from .judging import estimate as estimate
+from .judging import judged as judged
+from .judging import stability_of as stability_of
+from .judging import verified as verified
+from .simulated import backwards as backwards
+from .solution_curve import Point as Point

@@ -1,0 +1,113 @@
+"""Test functions at the points of a curve of cycles: what changes its sign where something happens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.branches.solution_curve import Curve, Point
+from hbbogie.errors import ModelError
+from hbbogie.results import Orbit
+from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.variation import Waveform
+
+Complex = NDArray[np.complex128]
+
+TRUSTED = 1e-2  # largest error of the trivial multiplier with which multipliers are looked at
+
+Kind = str | tuple[str, int]  # "fold", "branching", "flip", "torus"; or a contact, by its name and number
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A point of the curve with its cycle, its stability and its test functions, computed when asked for.
+
+    Attributes
+    ----------
+    curve : Curve
+    point : Point
+    judge : bool
+        Whether multipliers are computed.
+    """
+
+    curve: Curve
+    point: Point
+    judge: bool
+
+    @cached_property
+    def cycle(self) -> Orbit:
+        """The cycle, not judged."""
+        return self.curve.orbit(self.point)
+
+    @cached_property
+    def orbit(self) -> Orbit:
+        """The cycle, with its stability where it is to be judged and can be."""
+        if not self.judge:
+            return self.cycle
+        try:
+            return self.cycle.replace(stability=floquet(self.curve.equations.system, self.cycle))
+        except (ModelError, RuntimeError, np.linalg.LinAlgError):
+            return self.cycle
+
+    @property
+    def value_error(self) -> float:
+        """By how much the parameter of the point may be off, by what is left of the equations and round-off."""
+        left = float(np.linalg.norm(self.point.residual / self.curve.rows) + np.finfo(float).eps)
+        return left / abs(self.curve.branching(self.point)) * float(self.curve.scale[-1])
+
+    @property
+    def half(self) -> bool | None:
+        """Whether the multipliers are those of half a period; None where they are not trusted."""
+        return None if self.multipliers is None else self.multipliers[0]
+
+    @cached_property
+    def multipliers(self) -> tuple[bool, Complex] | None:
+        """Whether those of half a period, and the multipliers, the trivial one last; None where not trusted."""
+        s = self.orbit.stability
+        if s is None or not s.trivial_error <= TRUSTED:
+            return None
+        half = s.half_multipliers is not None
+        m = s.half_multipliers if s.half_multipliers is not None else s.multipliers
+        trivial = int(np.argmin(np.abs(m - 1)))
+        return half, np.append(np.delete(m, trivial), m[trivial])
+
+    def factors(self, kind: str) -> Complex:
+        """Return the factors whose product changes its sign at -1, "flip", or on the circle, "torus"; else none."""
+        known = self.multipliers
+        if known is None:
+            return np.empty(0, dtype=complex)
+        if kind == "flip":
+            return np.asarray(known[1] + 1)
+        return np.array([a * b - 1 for a, b in combinations(known[1][:-1], 2)], dtype=complex)
+
+    def value(self, kind: Kind) -> float:
+        """Return a test function; NaN where it is not known."""
+        if isinstance(kind, tuple):
+            return self.contacts[kind][1]
+        if kind == "fold":
+            return float(self.point.tangent[-1])
+        if kind == "branching":
+            return self.curve.branching(self.point)
+        factors = self.factors(kind)
+        return float(np.prod(factors).real) if len(factors) else float("nan")
+
+    @cached_property
+    def contacts(self) -> dict[tuple[str, int], tuple[float, float]]:
+        """Each gap of each contact, and how far it reaches beyond, relative to its motion, by name and number."""
+        orbit, system = self.cycle, self.curve.equations.system
+        names = [e.name for e in system.elements if e.ramps is not None]
+        if not names:
+            return {}
+        wave = Waveform(system, orbit, system.vector(**orbit.parameters))
+        low, high = fourier.extremes(wave.u)
+        span = np.maximum(high - low, np.finfo(float).tiny)
+        return {
+            (name, k): (float(d * g), float(((high[i] if d > 0 else -low[i]) - g) / span[i]))
+            for i, name in enumerate(names)
+            for k, (d, g) in enumerate(zip(wave.directions[i], wave.ramps[i][3], strict=True))
+        }

@@ -1,0 +1,283 @@
+"""Special points along a branch of cycles: test functions, location, and what begins at each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe
+from hbbogie.branches.solution_curve import Curve, Point
+from hbbogie.branches.switching import asymmetric, crossing, doubled
+from hbbogie.results import Orbit, SpecialPoint
+
+Array = NDArray[np.float64]
+
+VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
+MARGIN = 5.0  # a multiplier may be off by so many errors of the trivial one
+NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle that is not solved to the last digit
+REAL = 1e-6  # imaginary part below which a pair of multipliers counts as real
+SAME = 1e-6  # length of arc within which contacts happen together, and a point is the special one itself
+FORK = 1e-3  # length of arc within which two pitchforks are one
+TOUCHING = 1e-6  # distance of a contact from its gap, relative to its motion, that counts as none
+FLAT = "; the parameter varies too little along the branch for a smaller interval"
+ZERO = 1e-2  # where a test function is located it has fallen by this much, else it jumps
+
+
+def special_points(
+    curve: Curve, points: list[Point], *, judge: bool, known: Mapping[int, SpecialPoint]
+) -> tuple[list[Orbit], tuple[SpecialPoint, ...]]:
+    """Locate what happens between the points of a curve.
+
+    Parameters
+    ----------
+    curve : Curve
+    points : list of Point
+    judge : bool
+        Whether to compute the stability of every cycle and look at the multipliers; folds only without.
+    known : mapping from int to SpecialPoint
+        Special points at which the curve begins, by the place of the point.
+
+    Returns
+    -------
+    orbits : list of Orbit
+        The cycles of the points, with those of the special points put in between.
+    special : tuple of SpecialPoint
+        In the order of the curve.
+    """
+    probes = [Probe(curve, point, judge) for point in points]
+    arcs: list[float] = np.cumsum([0.0, *(curve.distance(a, b) for a, b in pairwise(points))]).tolist()
+    found = _changes(curve, probes, arcs, known)
+    if judge:
+        explained = [arcs[i] for i in known] + [arc for arc, s in found if s.kind != "grazing"]
+        found += [*_unexplained(curve, probes, arcs, explained), *_touching(curve, probes)]
+    own = {id(probe.orbit) for probe in probes}
+    between = [(arc, s.orbit) for arc, s in found if id(s.orbit) not in own]
+    orbits = sorted([*zip(arcs, (probe.orbit for probe in probes), strict=True), *between], key=lambda o: o[0])
+    special = sorted([*((arcs[i], _at(s, probes[i])) for i, s in known.items()), *found], key=lambda f: f[0])
+    return [orbit for _, orbit in orbits], tuple(s for _, s in special)
+
+
+def _at(known: SpecialPoint, probe: Probe) -> SpecialPoint:
+    """Return the special point at which a curve begins, with the cycle of the curve where it passes through."""
+    return replace(known, orbit=probe.orbit) if known.kind in ("pitchfork", "branch point") else known
+
+
+def _touching(curve: Curve, probes: list[Probe]) -> list[tuple[float, SpecialPoint]]:
+    """Return the grazing with which a curve begins, where linear cycles end and a gap closes."""
+    if len(probes) < 2:
+        return []
+    first, second = probes[0].contacts, probes[1].contacts
+    contacts = [
+        _Contact(0.0, k, second[k][1] > 0, probes[0], 0.0)
+        for k in first
+        if abs(first[k][1]) <= TOUCHING < abs(second[k][1])
+    ]
+    return [(0.0, _grazing(curve, contacts))] if contacts else []
+
+
+def _changes(
+    curve: Curve, probes: list[Probe], arcs: list[float], known: Mapping[int, SpecialPoint]
+) -> list[tuple[float, SpecialPoint]]:
+    """Return where test functions change their sign, with the length of arc.
+
+    Next to the special point at which the curve begins no further branch is looked for.
+    """
+    kinds: list[Kind] = ["fold"]
+    if probes[0].judge:
+        kinds += ["branching", "flip", "torus", *probes[0].contacts]
+    found: list[tuple[float, SpecialPoint]] = []
+    contacts: list[_Contact] = []
+    for kind in kinds:
+        values = [float("nan") if kind == "branching" and i in known else q.value(kind) for i, q in enumerate(probes)]
+        for i, j in _brackets(probes, values, kind):
+            if (located := _located(curve, probes, values, (i, j), kind)) is None:
+                continue
+            place, at, reach, flat = located
+            arc = arcs[place] + curve.distance(probes[place].point, at.point)
+            if not isinstance(kind, str):
+                contacts.append(_Contact(arc, kind, values[j] > 0, at, reach))
+                continue
+            tangents = probes[i].point.tangent, probes[j].point.tangent
+            if (point := _special(curve, at, kind, tangents, reach)) is not None:
+                found.append((arc, replace(point, status=point.status + FLAT * flat)))
+    forks = sorted((f for f in found if f[1].kind == "pitchfork"), key=lambda f: f[0])
+    for a, b in pairwise(forks):
+        if b[0] - a[0] < FORK:  # seen by the Jacobian and by the multipliers
+            found.remove(max(a, b, key=lambda f: f[1].interval[1] - f[1].interval[0]))
+    return found + [(group[0].length, _grazing(curve, group)) for group in _groups(contacts)]
+
+
+def _brackets(probes: list[Probe], values: list[float], kind: Kind) -> list[tuple[int, int]]:
+    """Return the places between which a test function changes its sign.
+
+    They are neighbours but for points in between where the function is none to speak of: the point itself, or a
+    stretch along which the parameter hardly varies. Where there is no sign to either side there is no change: cycles
+    of a linear or conservative system.
+    """
+    smallest = TOUCHING if isinstance(kind, tuple) else VERTICAL if kind == "fold" else 0.0
+    changes, last = [], -1
+    for i, value in enumerate(values):
+        if np.isnan(value):
+            last = -1
+        elif abs(value) > smallest:
+            if last >= 0 and values[last] * value < 0 and _comparable(probes[last : i + 1], values[last : i + 1], kind):
+                changes.append((last, i))
+            last = i
+    return changes
+
+
+def _comparable(probes: list[Probe], values: list[float], kind: Kind) -> bool:
+    """Tell whether the signs of a test function at the first and the last of some points are to be compared.
+
+    A family of cycles along which the parameter does not vary ends in a small one, where the tangent is round-off:
+    over points with no slope to speak of the parameter must turn back by more than its error.
+    """
+    if kind in ("flip", "torus"):
+        return probes[0].half == probes[-1].half
+    if kind != "fold" or len(probes) == 2:
+        return True
+    y = [float(probe.point.y[-1]) for probe in probes]
+    flattest = y[int(np.argmin(np.abs(values)))]
+    return all((y[k] - flattest) * np.sign(values[-1]) > probes[k].value_error for k in (0, -1))
+
+
+def _unexplained(
+    curve: Curve, probes: list[Probe], arcs: list[float], explained: list[float]
+) -> list[tuple[float, SpecialPoint]]:
+    """Return what says where a change of stability was not located, points without a verdict passed over."""
+    known = [i for i, q in enumerate(probes) if q.orbit.stability and q.orbit.stability.verdict != "unknown"]
+    found = []
+    for i, j in pairwise(known):
+        before, after = (probes[k].orbit.stability for k in (i, j))
+        if before is None or after is None or before.unstable == after.unstable:
+            continue
+        if any(arcs[i] - SAME <= arc <= arcs[j] + SAME for arc in explained):
+            continue
+        values = [float(q.point.y[-1]) for q in probes[i : j + 1]]
+        what = f"unstable directions go from {before.unstable} to {after.unstable} in this interval"
+        status = f"{what}; what happens there was not located: take more harmonics or shorter steps"
+        ends = min(values), max(values)
+        found.append((arcs[j], SpecialPoint("not located", curve.parameter, ends[1], ends, probes[j].orbit, status)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Contact:
+    """A contact (element, gap) that begins to close, or ceases to, at a length of arc."""
+
+    length: float
+    kind: tuple[str, int]
+    closes: bool
+    probe: Probe
+    reach: float
+
+
+def _groups(contacts: list[_Contact]) -> list[list[_Contact]]:
+    """Return the contacts that happen together: both sides of a symmetric motion, or two elements at once."""
+    groups: list[list[_Contact]] = []
+    for c in sorted(contacts, key=lambda c: c.length):
+        if groups and abs(groups[-1][0].length - c.length) < SAME:
+            groups[-1].append(c)
+        else:
+            groups.append([c])
+    return groups
+
+
+def _located(
+    curve: Curve, probes: list[Probe], values: list[float], change: tuple[int, int], kind: Kind
+) -> tuple[int, Probe, float, bool] | None:
+    """Locate a change of sign of a test function.
+
+    Returns
+    -------
+    place, probe, reach, flat : int, Probe, float, bool
+        The last point before, the point, by how much the parameter may be off, and whether that is because the
+        function is round-off over several points. None where it is a jump, or cannot be followed.
+    """
+    i, j = change
+    steps = [k for k in range(i, j) if values[k] * values[k + 1] <= 0]
+    ends, a, b = (values[i], values[j]), probes[steps[0]], probes[steps[0] + 1]
+    probes_at = {id(a.point): a, id(b.point): b}
+
+    def test(point: Point) -> float:
+        if id(point) not in probes_at:
+            probes_at[id(point)] = Probe(curve, point, a.judge)
+        return probes_at[id(point)].value(kind)
+
+    found = curve.locate(a.point, b.point, test)
+    if found is None:
+        return None
+    at, error = probes_at[id(found[0])], found[1]
+    if not abs(at.value(kind)) <= max(ZERO * min(map(abs, ends)), 1e-9):
+        return None
+    if kind == "branching":  # next to a crossing branch a point may be off its own by the root of what is tolerated
+        error += float(np.sqrt(curve.tolerance))
+    else:
+        error += float(np.abs(at.point.residual / curve.rows).max()) / abs(curve.branching(at.point))
+    if kind in ("flip", "torus") and (stability := at.orbit.stability) is not None:
+        others = float(np.prod(np.sort(np.abs(at.factors(str(kind))))[1:]))
+        slope = abs(ends[1] - ends[0]) / curve.distance(probes[i].point, probes[j].point)
+        error += others * MARGIN * stability.trivial_error / slope
+    # where branches cross the tangent is any in their plane: those of the neighbours tell how the parameter goes
+    points = (a.point, b.point) if kind == "branching" else (at.point,)
+    along = max(abs(float(point.tangent[-1])) for point in points) * float(curve.scale[-1])
+    value = float(at.point.y[-1])
+    flat = [q.point.y[-1] for q in probes[steps[0] : steps[-1] + 2]] if steps[-1] - steps[0] > 1 else []
+    reach = max([error * along, 1e-12 * abs(value), *(abs(float(y) - value) for y in flat)])
+    if kind == "fold":  # along the branch its value hardly changes, across it does
+        reach = max(reach, at.value_error)
+    return steps[0], at, reach, bool(flat)
+
+
+def _special(curve: Curve, at: Probe, kind: str, tangents: tuple[Array, Array], reach: float) -> SpecialPoint | None:
+    """Return the special point of a located change of sign; None where it is nothing."""
+    system, orbit, value = curve.equations.system, at.orbit, float(at.point.y[-1])
+    onward = None
+    if kind == "fold":
+        name, extreme = kind, "smallest" if tangents[1][-1] > 0 else "largest"
+        status = (
+            f"{extreme} value of {curve.parameter} along the branch; slope {at.point.tangent[-1]:.1e} where located"
+        )
+    elif kind == "branching":
+        onward = crossing(curve, at.point, tangents[0] + tangents[1])
+        breaks = fourier.is_odd(orbit.coefficients, NEARLY_ODD) and not fourier.is_odd(onward.coefficients, NEARLY_ODD)
+        name, what = ("pitchfork", "the symmetry breaks") if breaks else ("branch point", "another branch crosses")
+        status = f"{what}; smallest singular value {abs(at.value(kind)):.1e} where located"
+    else:
+        known = at.multipliers
+        if known is None:
+            return None
+        half, m = known
+        if kind == "flip":
+            name, begin = ("pitchfork", asymmetric) if half else ("period doubling", doubled)
+            onward, nearest = begin(system, orbit), m[np.argmin(np.abs(m + 1))].real
+            what = "the symmetry breaks" if half else "a cycle of twice the period begins"
+            status = f"{what}; multiplier {nearest:.8f}{' of half a period' * half} where located"
+        else:
+            pair = m[:-1][np.argsort(np.abs(np.abs(m[:-1]) - 1))[:2]] ** (2 if half else 1)
+            if len(pair) < 2 or np.abs(pair.imag).min() < REAL:
+                return None  # two real multipliers with product 1: nothing changes
+            name, angle = "Neimark-Sacker", abs(np.angle(pair[0]))
+            status = f"a torus begins; multipliers {abs(pair[0]):.8f} exp(+-{angle:.6f} i) where located"
+    s = orbit.stability
+    # at a fold the trivial multiplier meets another, and carries the root of the error
+    if s is not None and s.trivial_error > (TRUSTED**0.5 if kind == "fold" else TRUSTED):
+        status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
+    return SpecialPoint(name, curve.parameter, value, (value - reach, value + reach), orbit, status, onward)
+
+
+def _grazing(curve: Curve, contacts: list[_Contact]) -> SpecialPoint:
+    """Return the point where contacts begin or cease to close."""
+    at, reach = contacts[0].probe, contacts[0].reach
+    gaps: dict[str, list[str]] = {}
+    for c in contacts:
+        what = "begins to touch" if c.closes else "touches for the last time"
+        gaps.setdefault(f"{c.kind[0]} {what}", []).append(f"{at.contacts[c.kind][0]:g}")
+    status = "; ".join(f"{what} at {' and '.join(levels)}" for what, levels in gaps.items())
+    value = float(at.point.y[-1])
+    return SpecialPoint("grazing", curve.parameter, value, (value - reach, value + reach), at.orbit, status)

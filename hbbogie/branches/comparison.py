@@ -1,0 +1,239 @@
+"""Describing function or multi-harmonic balance? The same cycles by several methods, beside a converged one."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from hbbogie.branches.continuation import trace
+from hbbogie.branches.crossing import crossings
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.errors import ModelError
+from hbbogie.methods.describing_balance import DescribingFunction
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import default_reach
+from hbbogie.model.system import System
+from hbbogie.progress import Progress, silent
+from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results.failure import ConvergenceError
+
+TRUTH = "mhb61"
+DEFAULT_METHODS = ("df1", "df2", "mhb3", "mhb15")
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A branch by one method.
+
+    Attributes
+    ----------
+    name : str
+        Such as "df1" or "mhb15".
+    equations : Equations
+    branch : Branch
+    building, tracing : float, s
+        Time taken to build the equations and to trace the branch.
+    """
+
+    name: str
+    equations: Equations
+    branch: Branch
+    building: float
+    tracing: float
+
+    @property
+    def fold(self) -> float | None:
+        """Smallest parameter value at a fold: where cycles of large amplitude begin; None without a fold."""
+        return min((s.value for s in self.branch.folds()), default=None)
+
+    def at(self, value: float) -> dict[int, tuple[Orbit, float]]:
+        """Return the cycles at a parameter value and the time of each [s], by the part of the branch.
+
+        Part k lies behind k folds, counted from the Hopf point.
+        """
+        parts = _parts(self.branch)
+        found: dict[int, tuple[Orbit, float]] = {}
+        for k, part in enumerate(parts):
+            start = time.perf_counter()
+            orbits = crossings(self.equations, part, value) if len(part) > 1 else []
+            if orbits:
+                found[k] = orbits[0], time.perf_counter() - start
+        return found
+
+
+def _parts(branch: Branch) -> list[Branch]:
+    """Return the pieces of a branch between its folds."""
+    turns = [s.value for s in branch.folds()]
+    cuts = [0, *(i for i, o in enumerate(branch.orbits) if o.parameters[branch.parameter] in turns), len(branch) - 1]
+    return [Branch(branch.orbits[a : b + 1], branch.parameter) for a, b in pairwise(cuts) if b > a]
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One cycle by all methods.
+
+    Attributes
+    ----------
+    value : float, unit of the parameter
+    part : int
+        Part of the branch, counted in folds from the Hopf point.
+    truth : Orbit
+    orbits : dict of Orbit or None
+        By method; None where the method has no such cycle.
+    seconds : dict of float, s
+        Time of the solve at this value, by method.
+    """
+
+    value: float
+    part: int
+    truth: Orbit
+    orbits: dict[str, Orbit | None]
+    seconds: dict[str, float]
+
+    def error(self, method: str, quantity: Callable[[Orbit], float]) -> float | None:
+        """Return the relative error of a quantity [%]; None where the method has no cycle."""
+        orbit = self.orbits[method]
+        return None if orbit is None else 100 * (quantity(orbit) / quantity(self.truth) - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Cycles over a parameter by several methods.
+
+    Attributes
+    ----------
+    parameter, unit : str
+    coordinates : tuple of str
+        The coordinates whose amplitudes are compared: those that enter nonlinearly.
+    methods : dict of Followed
+        By name; the converged one is among them.
+    truth : str
+        Name of the method taken as the truth.
+    rows : tuple of Compared
+    """
+
+    parameter: str
+    unit: str
+    coordinates: tuple[str, ...]
+    methods: dict[str, Followed]
+    truth: str
+    rows: tuple[Compared, ...]
+
+    @property
+    def approximations(self) -> tuple[str, ...]:
+        """Names of the methods that are compared with the truth."""
+        return tuple(name for name in self.methods if name != self.truth)
+
+    def quantities(self) -> dict[str, Callable[[Orbit], float]]:
+        """Return what is compared: frequency, and peak and first harmonic of each coordinate, by header."""
+        chosen: dict[str, Callable[[Orbit], float]] = {"omega": lambda o: o.omega}
+        for c in self.coordinates:
+            chosen[f"peak {c}"] = lambda o, c=c: o.amplitude(c)  # type: ignore[misc]
+            chosen[f"first harmonic {c}"] = lambda o, c=c: o.first_harmonic(c)  # type: ignore[misc]
+        return chosen
+
+
+def method_named(name: str) -> HarmonicBalance | DescribingFunction:
+    """Return the method of a name such as "df1", "df2" or "mhb15"; raise `ModelError` for any other name."""
+    found = re.fullmatch(r"(df)([12])|(mhb)([0-9]+)", name.strip().casefold())
+    if found is None or name.strip().casefold() == "mhb0":
+        raise ModelError(
+            f"unknown method {name!r}; write df1 or df2 (describing function of first or second order) or mhb and the "
+            "highest harmonic, such as mhb15."
+        )
+    return DescribingFunction(order=int(found[2])) if found[1] else HarmonicBalance(int(found[4]))
+
+
+def follow(system: System, name: str, hopf: SpecialPoint, interval: tuple[float, float]) -> Followed:
+    """Trace the branch that begins at a Hopf point by the method of that name."""
+    start = time.perf_counter()
+    equations = method_named(name).equations(system)
+    equations.derivatives((system.parameter_names.index(hopf.parameter),))
+    equations.derivatives(())
+    built = time.perf_counter()
+    branch = trace(equations, hopf, hopf.parameter, interval, stability=False)
+    return Followed(name, equations, branch, built - start, time.perf_counter() - built)
+
+
+def compare(
+    system: System,
+    methods: Sequence[str] = DEFAULT_METHODS,
+    values: Sequence[float] | None = None,
+    *,
+    parameter: str | None = None,
+    interval: tuple[float, float] | None = None,
+    truth: str = TRUTH,
+    progress: Progress = silent,
+) -> Comparison:
+    """Compute the cycles of the first branch from a Hopf point by several methods.
+
+    Parameters
+    ----------
+    system : System
+    methods : sequence of str
+        Names such as "df1" and "df2" (describing function of first, second order) and "mhb15"
+        (multi-harmonic balance with its highest harmonic).
+    values : sequence of float, optional, unit of the parameter
+        Where to compare; twelve values over the interval where left out.
+    parameter : str, optional
+        The system's first where left out.
+    interval : (float, float), optional, unit of the parameter
+        Where to trace; twice the parameter's value (at least 1) to either side where left out.
+    truth : str
+        Name of the converged method that the others are measured by.
+    progress : callable
+        Called with (message, fraction done).
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ModelError
+        For an unknown method or parameter, or when there is no Hopf point in the interval.
+    """
+    name = parameter or system.parameter_names[0]
+    span = interval or default_reach(system, name)
+    names = list(dict.fromkeys([*(method.strip().casefold() for method in methods), truth]))
+    for method in names:
+        method_named(method)
+    hopf = hopf_points(system, name, span)
+    if not hopf:
+        raise ModelError(
+            f"system {system.name!r} has no Hopf point for {name} from {span[0]:g} to {span[1]:g}; widen the interval."
+        )
+    followed = {}
+    for i, method in enumerate(names):
+        progress(f"branch by {method}", i / (2 * len(names)))
+        followed[method] = follow(system, method, hopf[0], span)
+    V = followed[truth].branch.values
+    chosen = np.linspace(V.min(), V.max(), 14)[1:-1] if values is None else np.asarray(values, dtype=float)
+    rows: list[Compared] = []
+    for i, value in enumerate(chosen):
+        progress(f"cycles at {name} = {value:g}", 0.5 + i / (2 * len(chosen)))
+        rows += _compared(followed, truth, float(value))
+    coordinates = system.nonlinear_coordinates or system.coordinate_names[:1]
+    return Comparison(name, system.parameter(name).unit, coordinates, followed, truth, tuple(rows))
+
+
+def _compared(followed: dict[str, Followed], truth: str, value: float) -> list[Compared]:
+    by_method: dict[str, dict[int, tuple[Orbit, float]]] = {}
+    for name, method in followed.items():
+        try:
+            by_method[name] = method.at(value)
+        except ConvergenceError:
+            by_method[name] = {}
+    rows = []
+    for part, (orbit, _) in by_method[truth].items():
+        found = {name: by_method[name].get(part) for name in followed if name != truth}
+        orbits = {name: None if pair is None else pair[0] for name, pair in found.items()}
+        seconds = {name: pair[1] for name, pair in found.items() if pair is not None}
+        rows.append(Compared(value, part, orbit, orbits, seconds))
+    return rows

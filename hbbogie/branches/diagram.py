@@ -1,0 +1,239 @@
+"""All curves of cycles over an interval of a parameter: branches, and families of conservative systems."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hbbogie.branches.continuation import trace
+from hbbogie.branches.crossing import crossings
+from hbbogie.branches.cycles import ORDERS, find_cycles
+from hbbogie.branches.judging import estimate, judged, stability_of
+from hbbogie.branches.simulated import distinct, settled_cycles
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.errors import ModelError
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import check_interval
+from hbbogie.model.system import System
+from hbbogie.progress import Progress, silent
+from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results.failure import FAILURES
+
+MAX_POINTS = 600  # of a branch; the family of a conservative system has no end
+RESOLVED = 1e-3  # tail of the spectrum up to which a cycle of a family is shown
+LARGEST = 10.0  # peak up to which a family is shown, in units of the amplitude scale
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """What exists over an interval of a parameter.
+
+    Attributes
+    ----------
+    parameter : str
+    interval : (float, float), unit of the parameter
+    hopf : list of SpecialPoint
+    branches : dict of Branch
+        By name.
+    families : dict of Branch
+        Cycles of every amplitude at one value of the parameter, by name.
+    cycles : list of Orbit
+        The cycles at the system's parameter values.
+    notes : tuple of str
+        What could not be computed and why.
+    """
+
+    parameter: str
+    interval: tuple[float, float]
+    hopf: list[SpecialPoint]
+    branches: dict[str, Branch]
+    families: dict[str, Branch]
+    cycles: list[Orbit]
+    notes: tuple[str, ...]
+
+
+def curves(
+    system: System,
+    parameter: str,
+    interval: tuple[float, float],
+    *,
+    harmonics: int | str = "auto",
+    tolerance: float = 1e-3,
+    stability: bool = True,
+    progress: Progress = silent,
+) -> Curves:
+    """Trace the branches from all Hopf points, those through the system's cycles, and what begins on them.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str
+    interval : (float, float), unit of the parameter
+    harmonics : int or "auto"
+        Highest harmonic. "auto" begins with 15 and doubles, up to 127, until the error estimate by shooting of the
+        least resolved cycle on every branch meets the tolerance; the notes say what it took.
+    tolerance : float
+        Largest error of frequency and waveform, relative, that "auto" is content with.
+    stability : bool
+        Whether to compute the multipliers of every cycle, locate the special points, and follow the branches that
+        begin at pitchforks, period doublings and branch points.
+    progress : callable
+        Called with (message, fraction done or None).
+
+    Raises
+    ------
+    ModelError
+        For an unknown parameter or an empty interval. What cannot be computed is said in the notes.
+    """
+    interval = check_interval(system, parameter, interval)
+    progress("looking for Hopf points", None)
+    hopf = hopf_points(system, parameter, interval)
+    about = _About(system, parameter, interval, hopf, progress)
+    cycles: list[Orbit] | None = None
+    for H in ORDERS if harmonics == "auto" else (int(harmonics),):
+        notes: list[str] = []
+        progress(f"branches with harmonics up to {H}", None)
+        traced = about.traced(H, (), False, notes)
+        family = _holds_family(traced, interval, system.values[parameter])
+        if cycles is None:
+            cycles = [] if family else _cycles(system, parameter, harmonics, stability, notes)
+        traced = about.traced(H, cycles, False, notes)
+        error, said = estimate(system, [b for b in traced if not is_family(b, interval)], H, tolerance)
+        if error <= tolerance:
+            break
+    notes += said if harmonics == "auto" else []
+    if _holds_family(traced, interval, system.values[parameter]):
+        cycles = []  # what was found is but one of the family
+    families = [_cut(b, HarmonicBalance(H).equations(system)) for b in traced if is_family(b, interval)]
+    if stability:
+        traced = about.traced(H, cycles or (), True, notes)
+    branches = [b for b in traced if not is_family(b, interval)]
+    named = _named("branch", branches) | about.beyond(branches, families, H, notes)
+    if stability:
+        named = {name: judged(system, b, progress, f"stability of {name}") for name, b in named.items()}
+    return Curves(
+        parameter, interval, hopf, named, _named("family", families), cycles or [], tuple(dict.fromkeys(notes))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _About:
+    """What all branches of one job have in common."""
+
+    system: System
+    parameter: str
+    interval: tuple[float, float]
+    hopf: list[SpecialPoint]
+    progress: Progress
+
+    def one(self, equations: Equations, start: Orbit | SpecialPoint, stability: bool, notes: list[str]) -> list[Branch]:
+        """Return the branch from a start, or none and a note why."""
+
+        def say(value: float) -> None:
+            self.progress(f"tracing a branch: {self.parameter} = {value:.5g}", None)
+
+        options: dict[str, Any] = {"max_points": MAX_POINTS, "stability": stability, "progress": say}
+        try:
+            return [trace(equations, start, self.parameter, self.interval, **options)]
+        except FAILURES as error:
+            place = start.value if isinstance(start, SpecialPoint) else start.parameters[self.parameter]
+            what = start.kind.replace("hopf", "Hopf point") if isinstance(start, SpecialPoint) else "cycle"
+            notes.append(f"No branch was traced from the {what} at {self.parameter} = {place:.6g}: {error}")
+            return []
+
+    def traced(self, H: int, cycles: Sequence[Orbit], stability: bool, notes: list[str]) -> list[Branch]:
+        """Return the branches from the Hopf points, and those through cycles that lie on none of them."""
+        equations = HarmonicBalance(H).equations(self.system)
+        found = [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
+        inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
+        for cycle in cycles if inside else ():
+            if not any(_passes(equations, b, cycle) for b in found):
+                found += self.one(equations, cycle, stability, notes)
+        return found
+
+    def beyond(self, branches: list[Branch], families: list[Branch], H: int, notes: list[str]) -> dict[str, Branch]:
+        """Return the branches that begin at special points of others, by the kind of the point."""
+        found: dict[str, list[Branch]] = {}
+        for special in (s for b in branches for s in b.special if s.onward is not None):
+            if _holds_family(families, self.interval, special.value, 1e-6):
+                continue  # what crosses there is known
+            harmonics = 2 * H if special.kind == "period doubling" else H
+            equations = HarmonicBalance(harmonics, odd=False).equations(self.system)
+            beyond = self.one(equations, special, True, notes)
+            if special.kind == "pitchfork":
+                beyond = [_one_half(b) for b in beyond]
+                notes.append(
+                    "Of two asymmetric branches one is shown: the other is its mirror image, q(t) = -q(t + T/2)."
+                )
+            found.setdefault(special.kind.replace(" ", "_"), []).extend(beyond)
+        return {name: b for kind, many in found.items() for name, b in _named(kind, many).items()}
+
+
+def _one_half(branch: Branch) -> Branch:
+    """Return a branch through a pitchfork from there on."""
+    fork = next((s.orbit for s in branch.special if s.kind == "pitchfork"), branch.orbits[0])
+    start = next((i for i, o in enumerate(branch.orbits) if o is fork), 0)
+    kept = {id(o) for o in branch.orbits[start:]}
+    special = tuple(s for s in branch.special if id(s.orbit) in kept)
+    return Branch(branch.orbits[start:], branch.parameter, special, ("began here, at the pitchfork", branch.ends[1]))
+
+
+def _cycles(system: System, parameter: str, harmonics: int | str, stability: bool, notes: list[str]) -> list[Orbit]:
+    """Return the cycles at the system's parameter values, or none and a note why."""
+    try:
+        try:
+            found = find_cycles(system, parameter=parameter, harmonics=harmonics, stability=stability)
+        except ModelError:  # a continuous family, which is found by tracing from one of its cycles
+            H = ORDERS[0] if harmonics == "auto" else int(harmonics)
+            return settled_cycles(HarmonicBalance(H).equations(system), parameter)
+        return [o.replace(stability=stability_of(system, o)) for o in found] if stability else found
+    except FAILURES as error:
+        notes.append(f"Cycles at {parameter} = {system.values[parameter]:g}: {error}")
+        return []
+
+
+def _passes(equations: Equations, branch: Branch, cycle: Orbit) -> bool:
+    """Tell whether a branch passes through a cycle."""
+    try:
+        on_branch = crossings(equations, branch, cycle.parameters[branch.parameter])
+    except ModelError:
+        return True  # a family: it holds cycles of every amplitude
+    return len(distinct([*on_branch, cycle])) == len(on_branch)
+
+
+def is_family(branch: Branch, interval: tuple[float, float]) -> bool:
+    """Tell whether the parameter stays constant along a branch: a family of cycles of every amplitude."""
+    return len(branch) > 1 and bool(np.ptp(branch.values) <= 1e-9 * (interval[1] - interval[0]))
+
+
+def _holds_family(
+    traced: Sequence[Branch], interval: tuple[float, float], value: float, tolerance: float = 1e-9
+) -> bool:
+    """Tell whether there is a family of cycles at a value of the parameter."""
+    width = tolerance * (interval[1] - interval[0])
+    return any(is_family(b, interval) and abs(b.values[0] - value) <= width for b in traced)
+
+
+def _cut(family: Branch, equations: Equations) -> Branch:
+    """Return the family up to a largest peak of the coordinate that sets the phase, by growing amplitude."""
+    name = equations.system.coordinate_names[equations.phase or 0]
+    peak = family.amplitude(name)
+    order = np.argsort(peak, kind="stable")
+    limit = max(LARGEST * float(equations.scale[0]), 2 * float(peak.min()))
+    resolved = [i for i in order if family.orbits[i].tail <= RESOLVED]
+    kept = [family.orbits[i] for i in resolved if peak[i] <= limit] or [family.orbits[order[-1]]]
+    beginning = "the smallest cycle computed"
+    if len(resolved) < len(order):
+        beginning = (
+            f"cycles whose highest harmonics exceed {100 * RESOLVED:g} % of the first are not resolved, nor shown"
+        )
+    ends = beginning, f"larger cycles than {limit:.4g} are not shown"
+    return Branch(tuple(kept), family.parameter, (), ends)
+
+
+def _named(stem: str, branches: Sequence[Branch]) -> dict[str, Branch]:
+    return {f"{stem}_{i + 1}" if len(branches) > 1 else stem: b for i, b in enumerate(branches)}

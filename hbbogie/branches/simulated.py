@@ -1,0 +1,145 @@
+"""Cycles that simulated motions settle on, forwards and backwards in time."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from hbbogie import fourier
+from hbbogie.equilibria.linearisation import Linearisation
+from hbbogie.methods.equations import Equations
+from hbbogie.model.system import System
+from hbbogie.motion.integration import default_step
+from hbbogie.motion.settling import Settled, last_orbit, settle
+from hbbogie.results import Orbit
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.solvers import solve
+
+STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
+CHUNK, LONGEST = 2e3, 1.2e5  # steps simulated between two looks at the motion, and at most
+SLOWEST = 60.0  # or so many time constants of the slowest mode
+FINEST = 511  # highest harmonic of a motion from which shooting may go on
+NEAR = 0.2  # share by which the frequency of a motion may be off the cycle it has settled on
+SAME = 1e-6  # cycles closer than this, relative to their size, are one
+
+
+def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
+    """Let motions from states of several sizes settle, and solve for the cycles they settle on.
+
+    Forwards in time they settle on stable cycles, backwards on those that repel from all sides. Of a conservative
+    system, whose motions settle at once, these are some cycles of a continuous family.
+
+    Raises
+    ------
+    ConvergenceError
+        When a motion goes on without settling, or settles on a cycle that the harmonics kept do not
+        resolve: then "no cycle" would be a guess. Its ``orbit`` is that motion.
+    """
+    system, H = equations.system, (equations.coefficients.size1_out(0) - 1) // 2
+    line = Linearisation(system, parameter)
+    value = line.p[line.place]
+    rest, (_, vectors) = line.equilibrium(value), line.eigen(value)
+    mode = vectors[: system.n, 0].real
+    mode = mode / np.abs(mode).max(initial=1e-300)
+    moving = max(system.nonlinear_coordinates or system.coordinate_names, key=lambda n: abs(mode[system.index(n)]))
+    starts = [
+        dict(zip(system.coordinate_names, map(float, rest + size * float(equations.scale[0]) * mode), strict=True))
+        for size in STARTS
+    ]
+    found: list[Orbit] = []
+    open_questions: list[str] = []
+    unresolved: Orbit | None = None
+    for settled in _settled(system, starts, moving):
+        if settled.kind == "undecided":
+            open_questions.append(settled.status)
+        if settled.kind != "cycle":
+            continue
+        guess = last_orbit(system, settled.trajectory, H, moving)
+        try:
+            found.append(_near(equations, guess))
+        except ConvergenceError as error:
+            unresolved = last_orbit(system, settled.trajectory, FINEST, moving)
+            open_questions.append(
+                f"a motion settles on a cycle of period {guess.period:.6g} s that {equations.method} do not resolve "
+                f"(ask for more with harmonics=...): {error}"
+            )
+    before = backwards(system)
+    for settled in _settled(before, starts, moving):
+        if settled.kind == "cycle":
+            guess = last_orbit(before, settled.trajectory, H, moving)
+            c = guess.coefficients.copy()
+            c[2::2] *= -1  # of the sines
+            with suppress(ConvergenceError):
+                found.append(_near(equations, guess.replace(coefficients=c)))
+    if open_questions and not found:
+        raise ConvergenceError(
+            f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
+            f"reaches this value, and {open_questions[0]}",
+            orbit=unresolved,
+            statistics={"unresolved": unresolved is not None},  # whether more harmonics might help
+        )
+    return distinct(found)
+
+
+def _near(equations: Equations, guess: Orbit) -> Orbit:
+    """Return the cycle that a motion has settled on; raise `ConvergenceError` where another one is found."""
+    found = solve(equations, guess, method="newton")  # the guess is good, or these harmonics are too few
+    if abs(found.omega / guess.omega - 1) > NEAR:
+        raise ConvergenceError(f"they lead to another period, {found.period:.6g} s", orbit=found)
+    return found
+
+
+def _settled(system: System, starts: list[dict[str, float]], coordinate: str) -> Iterator[Settled]:
+    """Give how motions from several states settle, but for those that grow without limit: there is no cycle there."""
+    A = system.ode_jacobian(np.zeros(system.n_states), system.vector()).full()
+    rates = np.abs(np.linalg.eigvals(A))
+    rates = rates[rates > 1e-6 * rates.max(initial=0.0)]
+    # 1 ms is right for motions of about 1 rad/s; slower ones are given as much more time
+    step = max(default_step(system, system.vector()), 1e-3 / float(rates.max())) if len(rates) else 1e-3
+    longest = max(LONGEST * step, SLOWEST / float(rates.min(initial=np.inf)))
+    for start in starts:
+        for h in (step, step / 8):  # what blows up may be the integration only
+            try:
+                yield settle(system, start, coordinate=coordinate, chunk=CHUNK * step, longest=longest, step=h)
+                break
+            except ConvergenceError:
+                continue
+
+
+def backwards(system: System) -> System:
+    """Return the system whose motions are those of another backwards in time: rates change their sign."""
+    found = copy.copy(system)
+    found._built = {}
+    q, v, a, f, p = system.residual_with_forces.sx_in()
+    r = system.residual_with_forces(q, -v, a, f, p)
+    found.residual_with_forces = ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
+    found.elements = tuple(
+        replace(e, argument=ca.Function("argument", [q, v, p], [e.argument(q, -v, p)])) for e in system.elements
+    )
+    return found
+
+
+def distinct(orbits: Iterable[Orbit]) -> list[Orbit]:
+    """Return the orbits that differ in more than the time origin, by growing amplitude."""
+    kept: list[Orbit] = []
+    for orbit in orbits:
+        if not any(_same(orbit, other) for other in kept):
+            kept.append(orbit)
+    return sorted(kept, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))
+
+
+def _same(a: Orbit, b: Orbit) -> bool:
+    if abs(a.omega - b.omega) > SAME * a.omega:
+        return False
+    H = max(a.H, b.H)
+    spectra = [
+        np.hypot(c[1::2], c[2::2]) for c in (fourier.resize(a.coefficients, H), fourier.resize(b.coefficients, H))
+    ]
+    means = np.abs(a.coefficients[0] - b.coefficients[0])
+    size = spectra[0].max()
+    return bool(np.abs(spectra[0] - spectra[1]).max() <= SAME * size and means.max() <= SAME * size)

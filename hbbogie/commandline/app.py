@@ -1,0 +1,113 @@
+"""What all commands share: the application, options, loading a problem, doing a job."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from hbbogie.model.system import System
+    from hbbogie.reports.report import Report
+
+FIGURES = (".png", ".pdf", ".svg")
+
+app = typer.Typer(
+    name="hbbogie",
+    help="Limit cycles of self-excited mechanical systems: find them, follow them, judge their stability.",
+    epilog="Begin with: hbbogie problems\n\nthen: hbbogie run yang1995 --output out",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Problem = Annotated[
+    str, typer.Argument(metavar="NAME", help="Name of a shipped problem, or path of a problem file (.py).")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Parameter value in its own unit; may be repeated."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document, and nothing else, on standard output.")]
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the files.")]
+MaybeOutput = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for files; none are written without.")
+]
+Harmonics = Annotated[
+    int | None, typer.Option(min=1, help="Highest harmonic; as many as the error estimate asks for without.")
+]
+Interval = Annotated[
+    tuple[float, float] | None,
+    typer.Option("--range", metavar="LO HI", help="Range of the parameter; by default the problem's own."),
+]
+ParameterName = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Parameter to vary; by default the problem's own.")
+]
+
+
+def examples(*lines: str) -> str:
+    """Return the text below the help of a command."""
+    return "\n\n".join(["Examples:", *lines])
+
+
+def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a function a command with examples, whose errors are printed as sentences."""
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def run(*args: Any, **kwargs: Any) -> None:
+            from hbbogie.commandline.terminal import guarded
+
+            guarded(function, args, kwargs)
+
+        return group.command(epilog=examples(*lines))(run)
+
+    return register
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from hbbogie import __version__
+
+        print(f"hbbogie {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    # figures are written to files only: a display is not needed
+    os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
+    """Return the module of a problem and its system with parameter values replaced."""
+    from hbbogie.commandline.terminal import numbers
+    from hbbogie.model.problem import load_problem, system_of
+
+    values = numbers(overrides, "--set")
+    module = load_problem(name)
+    return module, system_of(module, **values)
+
+
+def do(name: str, overrides: list[str] | None, output: Path, as_json: bool, job: Callable[..., Report]) -> None:
+    """Load a problem, do a job (module, system, progress) -> Report, write its files and show it."""
+    from hbbogie.commandline.terminal import deliver, progress_shown
+    from hbbogie.reports.report import check_directory
+
+    module, system = load(name, overrides)
+    check_directory(output)
+    with progress_shown() as progress:
+        found = job(module, system, progress)
+        files = found.write(output, progress)
+    deliver(found, files, as_json)

@@ -1,0 +1,222 @@
+"""The command line: parse, call, show, save. Numerics and figures are imported inside the commands only."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hbbogie.commandline.app import (
+    FIGURES,
+    AsJson,
+    Harmonics,
+    Interval,
+    MaybeOutput,
+    Output,
+    Overrides,
+    ParameterName,
+    Problem,
+    app,
+    command,
+    do,
+    load,
+)
+from hbbogie.errors import ModelError
+
+# --- commands ---------------------------------------------------------------------------------
+
+
+@command(
+    "hbbogie run yang1995 --output out",
+    "hbbogie run yang1995 --figures paper",
+    "hbbogie run van_der_pol --set mu=2 --json",
+    "hbbogie run my_problem.py",
+)
+def run(
+    name: Problem,
+    output: Output = Path("out"),
+    figures: Annotated[
+        str | None, typer.Option(metavar="paper", help="Draw the figures of the problem's paper instead.")
+    ] = None,
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Do the whole job of a problem: cycles, branches, stability, tables and figures."""
+    from hbbogie.reports.cycles import figures_of_paper, run_of
+
+    if figures not in (None, "paper"):
+        raise ModelError(f"--figures {figures!r}: the one choice is paper; leave the option out for the whole job.")
+    do(name, overrides, output, as_json, run_of if figures is None else figures_of_paper)
+
+
+@command(
+    "hbbogie branch yang1995",
+    "hbbogie branch yang1995 --range 80 120 --harmonics 31",
+    "hbbogie branch yang1995 --parameter K1 --range 1e6 6e6 --set V=100",
+)
+def branch(
+    name: Problem,
+    parameter: ParameterName = None,
+    interval: Interval = None,
+    harmonics: Harmonics = None,
+    stability: Annotated[
+        bool,
+        typer.Option("--stability/--no-stability", help="Judge every cycle, locate bifurcations and follow them."),
+    ] = True,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Follow the branches of cycles from all Hopf points over a range of a parameter."""
+    from hbbogie.branches.diagram import curves
+    from hbbogie.commandline.terminal import deliver, progress_shown
+    from hbbogie.model.problem import default_interval
+    from hbbogie.model.ranges import check_interval
+    from hbbogie.reports.cycles import report_of_curves
+    from hbbogie.reports.report import check_directory
+
+    module, system = load(name, overrides)
+    parameter, own = default_interval(module, system, parameter)
+    limits = check_interval(system, parameter, interval or own)
+    check_directory(output)
+    with progress_shown() as progress:
+        traced = curves(
+            system, parameter, limits, harmonics=harmonics or "auto", stability=stability, progress=progress
+        )
+        found = report_of_curves(system, traced)
+        files = found.write(output, progress)
+    deliver(found, files, as_json)
+
+
+@command(
+    "hbbogie cycles yang1995 --set V=90",
+    "hbbogie cycles van_der_pol --set mu=5 --harmonics 51 --json",
+    "hbbogie cycles yang1995 --hill",
+)
+def cycles(
+    name: Problem,
+    overrides: Overrides = None,
+    parameter: ParameterName = None,
+    harmonics: Harmonics = None,
+    hill: Annotated[
+        bool, typer.Option("--hill", help="Put the multipliers by Hill's method beside the integrated ones.")
+    ] = False,
+    output: MaybeOutput = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find all cycles at the given parameter values, without a guess."""
+    from hbbogie.branches.cycles import find_cycles
+    from hbbogie.commandline.terminal import deliver, progress_shown
+    from hbbogie.model.problem import default_interval
+    from hbbogie.reports.cycles import report_of_cycles
+    from hbbogie.reports.report import check_directory
+
+    module, system = load(name, overrides)
+    parameter, own = default_interval(module, system, parameter)
+    interval = own if own[0] <= system.values[parameter] <= own[1] else None
+    if output is not None:
+        check_directory(output)
+    with progress_shown() as progress:
+        progress("looking for cycles", None)
+        cycles = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics or "auto")
+        found = report_of_cycles(system, parameter, cycles, hill=hill)
+        files = [] if output is None else found.write(output, progress)
+    deliver(found, files, as_json)
+
+
+@command(
+    "hbbogie simulate yang1995 --set V=100 --start q1=0.03 --duration 20",
+    'hbbogie simulate van_der_pol --start x=0.1 --start "x\'=0.5" --method cvodes --step 0.01',
+)
+def simulate(
+    name: Problem,
+    start: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Initial value of a coordinate, or with a prime of its velocity."),
+    ] = None,
+    duration: Annotated[float, typer.Option(help="Duration in s.")] = 20.0,
+    method: Annotated[str, typer.Option(help="Integration method: rk4 or cvodes.")] = "rk4",
+    step: Annotated[
+        float | None,
+        typer.Option(help="Distance of the samples in s; of rk4 also the step. Without, at most 1 ms."),
+    ] = None,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Integrate the motion from a start in time, and say what it settles on."""
+    from hbbogie.commandline.terminal import deliver, numbers, progress_shown
+    from hbbogie.reports.motion import default_start, simulated
+    from hbbogie.reports.report import check_directory
+
+    _, system = load(name, overrides)
+    initial = numbers(start, "--start") or default_start(system)
+    check_directory(output)
+    with progress_shown() as progress:
+        found = simulated(system, initial, duration, method=method, step=step, progress=progress)
+        files = found.write(output, progress)
+    deliver(found, files, as_json)
+
+
+@command(
+    "hbbogie plot out/branch.nc",
+    'hbbogie plot out/branch.nc --coordinate q3 --quantity "first harmonic" --output q3.pdf',
+)
+def plot(
+    file: Annotated[Path, typer.Argument(metavar="FILE.nc", help="A branch or cycle saved by this program.")],
+    coordinate: Annotated[str | None, typer.Option(metavar="NAME", help="By default the first one.")] = None,
+    quantity: Annotated[str, typer.Option(help='"peak" or "first harmonic".')] = "peak",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Figure (.png, .pdf, .svg); FILE.png if left out."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Draw a saved branch, or the phase portrait of a saved cycle."""
+    from hbbogie.commandline.terminal import deliver
+    from hbbogie.errors import ModelError
+    from hbbogie.reports.figures import load_saved, plot_branch
+    from hbbogie.reports.report import Report, check_directory
+
+    saved = load_saved(file)
+    target = output or file.with_suffix(".png")
+    if target.suffix not in FIGURES:
+        raise ModelError(f"--output {str(target)!r}: give a file name that ends in {', '.join(FIGURES)}.")
+    check_directory(target.parent)
+    path = plot_branch(saved, target, coordinate, quantity)
+    what = f"{saved.orbits[0].system}: {len(saved)} cycle{'s' * (len(saved) != 1)} drawn"
+    deliver(Report(what, notes=(f"{what}.",)), [path], as_json)
+
+
+@command("hbbogie problems", "hbbogie problems --json")
+def problems(as_json: AsJson = False) -> None:
+    """List the problems that come with the package."""
+    from hbbogie.commandline.terminal import deliver
+    from hbbogie.model.problem import load_problem, shipped_problems
+    from hbbogie.reports.cycles import Table
+    from hbbogie.reports.report import Report
+
+    names = shipped_problems()
+    firsts = [(load_problem(n).__doc__ or "").strip().partition("\n")[0] for n in names]
+    table = Table("problems", "Problems", ("name", "what it is"), tuple(zip(names, firsts, strict=True)), ("", ""))
+    deliver(Report("problems", (table,)), [], as_json)
+
+
+def main() -> None:
+    """Run the command line; wrong usage, too, is printed as a sentence and with --json as a JSON object."""
+    from hbbogie.commandline.terminal import INTERRUPTED, WRONG_INPUT, print_error
+
+    try:
+        code = app(prog_name="hbbogie", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        sys.exit(INTERRUPTED)
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # not one of wrong usage
+            raise
+        context = getattr(error, "ctx", None)
+        where = context.command_path if context is not None else "hbbogie"
+        print_error(f"{error.format_message().rstrip('.')}. See {where} --help.", "--json" in sys.argv, "UsageError")
+        sys.exit(WRONG_INPUT)
+    sys.exit(code or 0)

@@ -1,0 +1,107 @@
+"""Commands that verify the picture by motions in time: basins of attraction, slowly changing parameters."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hbbogie.commandline.app import AsJson, Interval, Output, Overrides, ParameterName, Problem, command, do, load
+
+
+@command(
+    "hbbogie basin yang1995",
+    "hbbogie basin yang1995 --along q1=1,q3=1 --range 88 92",
+    "hbbogie basin bautin --values 10 --amplitudes 20 --workers 1",
+)
+def basin(
+    name: Problem,
+    parameter: ParameterName = None,
+    interval: Interval = None,
+    values: Annotated[int, typer.Option(help="Number of parameter values.")] = 25,
+    amplitudes: Annotated[int, typer.Option(help="Number of initial amplitudes at each.")] = 40,
+    along: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=VALUE,...", help="Direction of the initial states; the unstable cycle's shape without."
+        ),
+    ] = None,
+    largest: Annotated[
+        float | None, typer.Option(help="Largest factor of the unstable cycle's shape, or of the direction.")
+    ] = None,
+    duration: Annotated[float | None, typer.Option(help="Longest motion in s; 130 periods without.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; as many as the machine has cores without.")] = None,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Map which motions die out and which settle on a cycle, over a parameter and the initial amplitude."""
+    from hbbogie.commandline.terminal import deliver, numbers, progress_shown
+    from hbbogie.parallel.processes import cores
+    from hbbogie.reports.basin import basin_of
+    from hbbogie.reports.report import check_directory
+
+    module, system = load(name, overrides)
+    direction = numbers(along.split(","), "--along") if along is not None else None
+    folder = check_directory(output)
+    with progress_shown() as progress:
+        found, scan = basin_of(
+            module,
+            system,
+            progress,
+            parameter=parameter,
+            interval=interval,
+            speeds=values,
+            amplitudes=amplitudes,
+            along=direction,
+            largest=largest,
+            duration=duration,
+            workers=cores() if workers is None else workers,
+        )
+        files = found.write(folder, progress)
+        scan.save(folder / "basin.nc")
+    deliver(found, [*files, folder / "basin.nc"], as_json)
+
+
+@command(
+    "hbbogie ramp yang1995",
+    "hbbogie ramp yang1995 --rates 2,1,0.5,0.25 --range 85 110",
+    "hbbogie ramp yang1995 --start q1=1e-4 --rise-from 89",
+    "hbbogie ramp bautin --json",
+)
+def ramp(
+    name: Problem,
+    parameter: ParameterName = None,
+    interval: Interval = None,
+    rates: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Rates per second, separated by commas, each down and up.")
+    ] = None,
+    start: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Disturbance at which the rise begins; may be repeated."),
+    ] = None,
+    rise_from: Annotated[
+        float | None, typer.Option(help="Parameter value where the rise begins; the Hopf point without.")
+    ] = None,
+    level: Annotated[
+        float | None, typer.Option(help="Peak below which oscillation has died out; by default contact.")
+    ] = None,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate with a slowly falling and rising parameter: where oscillation dies out, and where it starts."""
+    from hbbogie.commandline.terminal import listed, numbers
+    from hbbogie.reports.ramp import ramp_of
+
+    options = {
+        "parameter": parameter,
+        "interval": interval,
+        "rates": listed(rates, "--rates") if rates else None,
+        "start": numbers(start, "--start") or None,
+        "rise_from": rise_from,
+        "level": level,
+    }
+    do(name, overrides, output, as_json, functools.partial(ramp_of, **options))  # type: ignore[arg-type]

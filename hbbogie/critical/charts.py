@@ -1,0 +1,347 @@
+"""Charts: curves of folds and of Hopf points in the plane of two parameters, without a guess."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.branches.continuation import trace
+from hbbogie.critical.fold_curve import FoldCurve
+from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane
+from hbbogie.critical.hopf_curve import HopfCurve
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.errors import ModelError
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.system import System
+from hbbogie.progress import Progress, silent
+from hbbogie.results import Chart, ChartPoint, CriticalCurve, SpecialPoint
+from hbbogie.results.failure import FAILURES
+from hbbogie.solving.arclength import CLOSED, STUCK, Point
+from hbbogie.units import label
+
+Array = NDArray[np.float64]
+SEARCHED = 4  # values of the second parameter, evenly over the interval, at which curves are looked for
+SAMPLES = 101  # of the first parameter in search of Hopf points
+POINTS = 60  # of a branch in search of folds: enough for cycles many gaps large
+MORE_POINTS = 200  # where folds are looked for on all branches
+NEAR = 0.03  # of the chart's width and height: how far a curve of folds may stop from its end on a Hopf curve
+ROUND_OFF = 1e-14  # of the chart's width and height
+UNDECIDED = 1e-12  # Lyapunov coefficient that counts as zero
+CORNERS = 3  # grazing contacts that a curve of folds is followed across
+
+
+def chart(
+    system: System,
+    parameter: str,
+    over: str,
+    interval: tuple[float, float] | None = None,
+    *,
+    span: tuple[float, float] | None = None,
+    harmonics: int = 15,
+    secondary: bool = False,
+    longest: float = 0.1,
+    progress: Progress = silent,
+    **values: float,
+) -> Chart:
+    """Follow the critical values of a parameter over a second one: curves of folds and of Hopf points.
+
+    Needs no guess: curves are looked for at the system's value of the second parameter and at some more over the
+    interval, and followed by predictor and corrector. What cannot be computed is a note.
+
+    Parameters
+    ----------
+    system : System
+    parameter, over : str
+        The parameter whose critical values are followed, and the one over which.
+    interval : (float, float), optional, unit of the second parameter
+        Twice the parameter's value (at least 1) to either side, within its bounds, where left out.
+    span : (float, float), optional, unit of the first parameter
+        Where critical values are looked for; likewise.
+    harmonics : int
+        Highest harmonic of the cycles.
+    secondary : bool
+        Whether to look for folds also on the branches from Hopf points beside which the equilibrium is unstable on
+        both sides.
+    longest : float
+        Longest step along a curve; a quarter of the chart's width and height is one unit.
+    progress : callable
+        Called with (message, fraction done or None).
+    **values : float
+        Parameter values, by name.
+
+    Returns
+    -------
+    Chart
+
+    Raises
+    ------
+    ModelError
+        For wrong names or values, or an empty interval.
+
+    References
+    ----------
+    Theory page, eq-fold-curve, eq-hopf-curve, eq-lyapunov and eq-grazing-onset.
+    """
+    system = system.with_parameters(**values)
+    if parameter == over:
+        raise ModelError(f"chart: both parameters are {parameter!r}; give two different ones.")
+    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
+        raise ModelError(f"chart: harmonics={harmonics!r}; cycles need at least one, give a whole number from 1.")
+    if not longest > 0:
+        raise ModelError(f"chart: longest={longest!r}; give a positive step.")
+    window = (
+        check_interval(system, parameter, span or default_reach(system, parameter)),
+        check_interval(system, over, interval or default_reach(system, over)),
+    )
+    equations = HarmonicBalance(harmonics).equations(system)
+    search = _Search(equations, (parameter, over), window, longest)
+    for name, asked, kept in zip((parameter, over), (span, interval), window, strict=True):
+        if asked is not None and tuple(map(float, asked)) != kept:
+            search.notes.append(
+                f"The range of {name}, ({asked[0]:g}, {asked[1]:g}), was cut to its bounds: ({kept[0]:g}, {kept[1]:g})."
+            )
+    for k, value in enumerate(search.places):
+        progress(f"Hopf points at {over} = {value:g}", 0.5 * k / len(search.places))
+        search.hopf_at(value)
+    for k, value in enumerate(search.places):
+        progress(f"folds at {over} = {value:g}", 0.5 + 0.5 * k / len(search.places))
+        search.folds_at(value, secondary)
+    return search.chart(secondary)
+
+
+class _Search:
+    """The curves found so far, and the search for more."""
+
+    def __init__(
+        self,
+        equations: Equations,
+        names: tuple[str, str],
+        window: tuple[tuple[float, float], tuple[float, float]],
+        longest: float,
+    ):
+        self.equations, self.names, self.longest = equations, names, longest
+        self.span, self.interval = window
+        own = equations.system.values[names[1]]
+        places = {
+            *np.linspace(*self.interval, SEARCHED),
+            *([own] if self.interval[0] <= own <= self.interval[1] else []),
+        }
+        self.places = sorted(map(float, places), key=lambda value: (value != own, value))
+        self.starts: dict[float, list[tuple[SpecialPoint, bool]]] = {}
+        self.hopf: list[Followed] = []
+        self.folds: list[Followed] = []
+        self.notes: list[str] = []
+
+    def _system_at(self, value: float) -> System:
+        return self.equations.system.with_parameters(**{self.names[1]: value})
+
+    @contextmanager
+    def _noted(self, what: str) -> Iterator[None]:
+        """Make a failure a note."""
+        try:
+            yield
+        except FAILURES as error:
+            self.notes.append(f"{what}: {error}")
+
+    def hopf_at(self, value: float) -> None:
+        """Find the Hopf points at a value of the second parameter, and follow those on no curve found before."""
+        system, (name, over) = self._system_at(value), self.names
+        self.starts[value] = []
+        points: list[SpecialPoint] = []
+        with self._noted(f"Hopf points at {over} = {value:g}"):
+            points = hopf_points(system, name, self.span, points=SAMPLES)
+        for hopf in points:
+            with self._noted(f"The curve through the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
+                curve = HopfCurve(system, self.names, self.span, self.interval, hopf)
+                first = curve.first()
+                self.starts[value].append((hopf, curve.state(first).side != 0))
+                if not any(passes(other, hopf, value) for other in self.hopf):
+                    self.hopf.append(both_ways(first, partial(self._hopf_pieces, curve)))
+
+    def folds_at(self, value: float, secondary: bool) -> None:
+        """Find the folds on branches from the Hopf points at a value, and follow those on no curve found before."""
+        name, over = self.names
+        equations = replace(self.equations, system=self._system_at(value))
+        for hopf in (point for point, limit in self.starts[value] if limit or secondary):
+            folds: tuple[SpecialPoint, ...] = ()
+            with self._noted(f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
+                most = MORE_POINTS if secondary else POINTS
+                options: dict[str, Any] = {"families": False, "stability": False, "max_points": most}
+                branch = trace(equations, hopf, name, self.span, **options)
+                folds = branch.folds()
+                if branch.ends[1].startswith("the largest number"):
+                    self.notes.append(
+                        f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g} was cut off "
+                        f"after {most} points: folds farther along it are not found."
+                    )
+            for fold in folds:
+                with self._noted(f"The curve through the fold at {name} = {fold.value:g}, {over} = {value:g}"):
+                    if any(passes(other, fold, value) for other in self.folds):
+                        continue
+                    p = equations.system.vector(**{name: fold.value})
+                    own = equations.phased(fold.orbit)
+                    curve = FoldCurve(own, self.names, self.span, self.interval, p)
+                    self.folds.append(both_ways(curve.first(fold.orbit), partial(self._fold_pieces, curve)))
+
+    def _hopf_pieces(self, curve: HopfCurve, start: Point) -> list[Followed]:
+        # where another contact is met first, the onset jumps
+        return [follow(curve, start, HOPF_TESTS, ("onset",), self.longest)]
+
+    def _fold_pieces(self, curve: FoldCurve, start: Point) -> list[Followed]:
+        """Follow a curve of folds one way, across grazing contacts."""
+        pieces: list[Followed] = []
+        point: Point | None = start
+        while point is not None and len(pieces) <= CORNERS:
+            pieces.append(follow(curve, point, FOLD_TESTS, (), self.longest))
+            last = pieces[-1].points[-1]
+            stuck = pieces[-1].ends[1] == STUCK and self._onset_near(plane(curve, last)) is None
+            point = curve.beyond(last) if stuck else None
+        return pieces
+
+    def _onset_near(self, here: Array) -> tuple[Array, float] | None:
+        """Return (omega, both parameters) and slope of the onset's change that is near a point, or None."""
+        reach = NEAR * np.array([here[0], self.span[1] - self.span[0], self.interval[1] - self.interval[0]])
+        for found in self.hopf:
+            for kind, point, state in found.marks:
+                there = plane(found.curve, point)
+                if kind == "onset" and (np.abs(there - here) <= reach).all():
+                    return self._rounded(there), state.slope
+        return None
+
+    def _rounded(self, here: Array) -> Array:
+        """Return omega and both parameters, with 0 for what is zero to round-off."""
+        size = np.array([0.0, np.ptp(self.span), np.ptp(self.interval)])
+        return np.where(np.abs(here) <= ROUND_OFF * size, 0.0, here)
+
+    # --- the chart --------------------------------------------------------------------------------
+
+    def chart(self, secondary: bool) -> Chart:
+        """Return what was found."""
+        hopf = tuple(self._hopf_curve(found) for found in self.hopf)
+        folds = tuple(self._fold_curve(found) for found in self.folds)
+        ranges = [_gaps(curves, self.interval) for curves in (folds, hopf)]
+        system, (name, over) = self.equations.system, self.names
+        units = [system.parameter(n).unit for n in self.names]
+        within = f"with {name} from {self.span[0]:g} to {self.span[1]:g} {_shown(units[0])}".rstrip()
+        where = "" if secondary else " on branches at which rest loses stability"
+        for what, gaps in zip((f"fold{where}", "Hopf point"), ranges, strict=True):
+            self.notes += [
+                f"No {what} was found for {over} from {a:.6g} to {b:.6g} {_shown(units[1])}".rstrip() + f", {within}."
+                for a, b in gaps
+            ]
+        if not secondary and any(not limit for starts in self.starts.values() for _, limit in starts):
+            self.notes.append(
+                "Folds were looked for on branches from Hopf points at which the equilibrium loses its stability only."
+            )
+        for curve in (*folds, *hopf):
+            kind = {"fold": "folds", "hopf": "Hopf points"}[curve.kind]
+            self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if not end.startswith(EXPECTED)]
+        texts = [f"{system.parameter(n).description} {n}".strip() for n in self.names]
+        special = [
+            p
+            for kind, many in (("hopf", self.hopf), ("fold", self.folds))
+            for f in many
+            for p in self._special(kind, f)
+        ]
+        return Chart(
+            system.name,
+            name,
+            over,
+            (label(texts[0], units[0]), label(texts[1], units[1])),
+            self.span,
+            self.interval,
+            folds,
+            hopf,
+            tuple(special),
+            ranges[0],
+            ranges[1],
+            tuple(dict.fromkeys(self.notes)),
+        )
+
+    def _hopf_curve(self, found: Followed) -> CriticalCurve:
+        character = tuple(_direction(state.onset) for state in found.states)
+        side = np.array([state.side for state in found.states])
+        slope = np.array([state.slope for state in found.states])
+        error = np.array([point.error for point in found.points])
+        omega, values, over = found.planes().T
+        return CriticalCurve("hopf", values, over, omega, slope, character, side, error, found.ends)
+
+    def _fold_curve(self, found: Followed) -> CriticalCurve:
+        planes, ends = found.planes(), list(found.ends)
+        character = [state.extremum for state in found.states]
+        slope = [state.slope for state in found.states]
+        error = [point.error for point in found.points]
+        for at in (0, -1):
+            near = None if ends[at].startswith((CLOSED, CHART_ENDS)) else self._onset_near(planes[at])
+            if near is None:
+                continue
+            where = 0 if at == 0 else len(planes)
+            ends[at] = f"it ends on a curve of Hopf points, where the onset changes, {self.names[1]} = {near[0][2]:.6g}"
+            planes = np.insert(planes, where, near[0], axis=0)
+            for values, value in ((character, character[at]), (slope, near[1]), (error, 0.0)):
+                values.insert(where, value)  # type: ignore[arg-type]
+        side = np.array([1 if extremum == "minimum" else -1 for extremum in character])
+        omega, values, over = planes.T
+        return CriticalCurve(
+            "fold", values, over, omega, np.array(slope), tuple(character), side, np.array(error), (ends[0], ends[1])
+        )
+
+    def _special(self, curve: str, found: Followed) -> list[ChartPoint]:
+        special = []
+        for kind, point, state in found.marks:
+            name = kind
+            if kind == "onset":
+                name = "onset changes" if state.grazing else "Bautin point"
+            omega, value, over = self._rounded(plane(found.curve, point))
+            text = f"{MEANING[name].format(self.names[1])}; residual {point.error:.1e}"
+            special.append(ChartPoint(name, curve, float(value), float(over), float(omega), text))
+        return special
+
+
+CHART_ENDS = "the end of the chart"
+EXPECTED = (CHART_ENDS, CLOSED, "it ends on")
+MEANING = {
+    "cusp": "two curves of folds meet and end",
+    "turning point": "the curve turns back in {}",
+    "Bautin point": "the first Lyapunov coefficient changes its sign: sub- and supercritical onset meet",
+    "onset changes": "the direction in which the cycles begin at the closing of a gap changes",
+}
+HOPF_TESTS: dict[str, Test] = {
+    "onset": lambda state, point: 0.0 if abs(state.onset) < UNDECIDED else state.onset,
+    "turning point": lambda state, point: float(point.tangent[-1]),
+}
+FOLD_TESTS: dict[str, Test] = {
+    "cusp": lambda state, point: state.bend,
+    "turning point": lambda state, point: state.first,
+}
+
+
+def _shown(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _direction(onset: float) -> str:
+    if not abs(onset) >= UNDECIDED:
+        return "undecided"
+    return "subcritical" if onset > 0 else "supercritical"
+
+
+def _gaps(curves: Sequence[CriticalCurve], interval: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    """Return the parts of an interval that no curve covers."""
+    low, high = interval
+    slack, reached, gaps = 1e-6 * (high - low), low, []
+    for a, b in sorted(curve.extent for curve in curves):
+        if a > reached + slack:
+            gaps.append((reached, a))
+        reached = max(reached, b)
+    if high > reached + slack:
+        gaps.append((reached, high))
+    return tuple(gaps)

@@ -1,0 +1,223 @@
+"""Curves of folds over two parameters, with their cusps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.branches.continuation import trace
+from hbbogie.errors import ModelError
+from hbbogie.methods.equations import Equations
+from hbbogie.results import Orbit
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.arclength import Point, correct
+from hbbogie.solving.newton import Conditions, Problem
+from hbbogie.solving.solvers import solve
+
+Array = NDArray[np.float64]
+SMALLEST = 1e-3  # first-harmonic amplitude, in units of its scale, at which a curve ends
+LINEAR = 1e-12  # bend, in units of the largest second derivative, at which the cycles are those of a linear system
+LEAPS = (1e-3, 1e-2)  # distances beyond a grazing contact at which the curve is taken up again, of the chart's width
+ASTRAY = 0.2  # distance from the expected value, in units of the leap, up to which a fold is one of the same curve
+VICINITY = 0.1  # of the chart's height: where the fold is looked for there
+
+
+class FoldCurve:
+    """The folds of the equations over two parameters, as a curve (eq-fold-curve).
+
+    The unknowns are those of the cycle, both parameters and the left null vector of the derivative in the former.
+
+    Parameters
+    ----------
+    equations : Equations
+    names : (str, str)
+        The two parameters.
+    span, interval : (float, float), units of the parameters
+        Where the curve ends.
+    p : ndarray, shape (number of parameters,)
+        All parameter values; those of the two are where the scales are taken.
+    tolerance : float
+        Largest scaled residual.
+    """
+
+    def __init__(
+        self,
+        equations: Equations,
+        names: tuple[str, str],
+        span: tuple[float, float],
+        interval: tuple[float, float],
+        p: Array,
+        tolerance: float = 1e-10,
+    ):
+        self.equations, self.names, self.tolerance = equations, names, tolerance
+        places = tuple(equations.system.parameter_names.index(name) for name in names)
+        self.problem, self.m = Problem(equations, Conditions(places), p), equations.size
+        self.problem.lower[self.m :], self.problem.upper[self.m :] = -np.inf, np.inf  # the window bounds them
+        m, self.rows = self.m, equations.residual_scale
+        self.size = np.concatenate([equations.scale, [(high - low) / 4 for low, high in (span, interval)]])
+        self.scale = np.concatenate([self.size, np.ones(m)])
+        # the null vector follows from the rest, and does not count as distance
+        self.weights = np.concatenate([np.ones(m + 2), np.zeros(m)])
+        self.window = {m: span, m + 1: interval}
+        self._second = equations.hessian(places)
+        self.normal = np.ones(m)
+        self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
+
+    def evaluate(self, u: Array) -> tuple[Array, Array]:
+        """Return the scaled residual and its derivative in the scaled unknowns."""
+        m, psi = self.m, u[self.m + 2 :]
+        F, J, H = self._derivatives(u)
+        G = np.concatenate([F, psi @ J[:, :m], [self.normal @ psi - 1]])
+        D = np.zeros((2 * m + 1, 2 * m + 2))
+        D[:m, : m + 2], D[m : 2 * m, : m + 2], D[m : 2 * m, m + 2 :], D[2 * m, m + 2 :] = (
+            J,
+            H[:m],
+            J[:, :m].T,
+            self.normal,
+        )
+        return G, D
+
+    def _derivatives(self, u: Array) -> tuple[Array, Array, Array]:
+        """Return F, its derivative and the second derivative of psi . F, all scaled."""
+        if self._last is not None and self._last[0] is u:
+            return self._last[1]
+        y, psi = u[: self.m + 2], u[self.m + 2 :]
+        F, J = self.problem.evaluate(y)
+        H = self._second(y[: self.m], self.problem.parameters(y), psi / self.rows).full()
+        scaled = F / self.rows, J / self.rows[:, None] * self.size, H * np.outer(self.size, self.size)
+        self._last = u, scaled
+        return scaled
+
+    def settle(self, u: Array) -> None:
+        """Normalise the null vector by its value here."""
+        psi = u[self.m + 2 :]
+        self.normal = psi / (psi @ psi)
+
+    def leaves(self, u: Array) -> str:
+        """Return why the curve ends before these unknowns, or nothing."""
+        y = u[: self.m + 2]
+        beyond = self.problem.violated(np.where(self._amplitudes, y - SMALLEST * self.size, y))
+        where = f"{self.names[1]} = {u[self.m + 1]:.6g}"
+        if any("cosine of harmonic 1 at its lower" in b for b in beyond):
+            return f"the cycle shrinks to the equilibrium near {where}"
+        if beyond:
+            return f"a bound was reached near {where}: {', '.join(beyond)}"
+        linear = abs(self._bend(u)) <= LINEAR * float(np.abs(self._derivatives(u)[2]).max())
+        return f"the cycle no longer reaches a contact near {where}" if linear else ""
+
+    @property
+    def _amplitudes(self) -> NDArray[np.bool_]:
+        """Mask of the unknown that is a first-harmonic amplitude, with a positive lower bound."""
+        mask = np.append(self.equations.lower > 0, [False, False])
+        mask[self.m - 1] = False  # omega
+        return mask
+
+    def at(self, index: int, value: float) -> str:
+        """Return the sentence for an end at a limit of a parameter."""
+        return f"the end of the chart was reached, {self.names[index - self.m]} = {value:g}"
+
+    def first(self, orbit: Orbit) -> Point:
+        """Return the fold at an orbit's second parameter, near the orbit, its tangent towards growing values.
+
+        Raises
+        ------
+        ConvergenceError
+            When it is not found.
+        """
+        y = np.concatenate([self.equations.encode(orbit), [orbit.parameters[n] for n in self.names]])
+        J = self.problem.evaluate(y)[1] / self.rows[:, None] * self.size
+        u = np.concatenate([y, np.linalg.svd(J[:, : self.m])[0][:, -1]])
+        self.settle(u)
+        across = np.zeros(len(u))
+        across[self.m + 1] = 1.0
+        found, iterations = correct(self, u, across)
+        if found is None:
+            raise ConvergenceError(
+                f"no fold was found from this cycle in {iterations} iterations; locate it with fold."
+            )
+        return found
+
+    def orbit(self, point: Point) -> Orbit:
+        """Return the cycle at a point."""
+        return self.problem.orbit(point.u[: self.m + 2], "fold on a curve of folds")
+
+    def state(self, point: Point) -> FoldState:
+        """Return what is to be known about a point of the curve."""
+        first, second = point.u[self.m + 2 :] @ self._derivatives(point.u)[1][:, self.m :]
+        with np.errstate(divide="ignore"):
+            slope = -float(second * self.size[self.m] / (first * self.size[self.m + 1]))
+        return FoldState(self._bend(point.u), float(first), slope)
+
+    def _bend(self, u: Array) -> float:
+        _, J, H = self._derivatives(u)
+        phi = np.linalg.svd(J[:, : self.m])[2][-1]
+        return float(phi @ H[: self.m, : self.m] @ phi)
+
+    def beyond(self, point: Point) -> Point | None:
+        """Return a point beyond one at which the curve is not smooth, where a contact grazes at the fold.
+
+        The branch of cycles is smooth there even so: it is followed at a slightly different value of the second
+        parameter, and its fold taken. None where no fold is found.
+        """
+        direction = np.sign(point.tangent[self.m + 1])
+        (low, high), height = self.window[self.m + 1], float(np.ptp(self.window[self.m]))
+        for leap in LEAPS:
+            value = float(point.u[self.m + 1]) + direction * leap * (high - low)
+            expected = float(point.u[self.m]) + self.state(point).slope * direction * leap * (high - low)
+            if not low <= value <= high or (found := self._fold_at(point, value)) is None:
+                continue
+            if abs(found.u[self.m] - expected) <= ASTRAY * leap * height:  # farther away there is another curve
+                along = np.sign(found.tangent[self.m + 1]) * direction or 1.0
+                return Point(found.u, along * found.tangent, found.error)
+        return None
+
+    def _fold_at(self, point: Point, value: float) -> Point | None:
+        """Return the fold at a value of the second parameter that is nearest to a point, by tracing the branch."""
+        (name, over), orbit = self.names, self.orbit(point)
+        system = self.equations.system.with_parameters(**(orbit.parameters | {over: value}))
+        equations, leader = replace(self.equations, system=system), system.coordinate_names[self.equations.phase or 0]
+        low, high = self.window[self.m]
+        reach, here = VICINITY * (high - low), orbit.parameters[name]
+        span = max(low, here - reach), min(high, here + reach)
+        try:
+            amplitude = {leader: orbit.first_harmonic(leader)}
+            start = solve(equations, orbit, amplitude=amplitude, free=name, method="newton")
+            branch = trace(equations, start, name, span, families=False, stability=False, max_points=60)
+        except (ConvergenceError, ModelError):
+            return None
+        for special in sorted(
+            branch.folds(), key=lambda s: abs(s.value - here) / reach + abs(s.omega / orbit.omega - 1)
+        ):
+            try:
+                found = self.first(special.orbit)
+            except ConvergenceError:
+                continue
+            if not self.leaves(found.u):
+                return found
+        return None
+
+
+@dataclass(frozen=True)
+class FoldState:
+    """What is to be known about a point of a curve of folds, in scaled unknowns.
+
+    Attributes
+    ----------
+    bend : float
+        psi^T F_zz phi phi, with the null vectors of F_z: it changes its sign at a cusp.
+    first : float
+        psi^T F_p for the first parameter: it changes its sign where the curve turns back in the second.
+    slope : float, unit of the first per unit of the second parameter
+        Derivative along the curve (eq-fold-gradient).
+    """
+
+    bend: float
+    first: float
+    slope: float
+
+    @property
+    def extremum(self) -> str:
+        """Whether cycles exist above ("minimum") or below ("maximum") the first parameter's value."""
+        return "minimum" if -self.bend * self.first > 0 else "maximum"

@@ -1,0 +1,200 @@
+"""Critical values of a parameter: Hopf points and folds, each with its gradient in all parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.branches.continuation import trace
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.errors import ModelError
+from hbbogie.methods.equations import Equations
+from hbbogie.results import Critical, Orbit, SpecialPoint
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.newton import Conditions, Problem
+
+Array = NDArray[np.float64]
+ITERATIONS = 25
+FARTHEST = 0.2  # longest step of an unknown, in units of its scale: a guess near a fold is near it
+FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its value, below which there is no extremum
+SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
+
+
+def fold(
+    equations: Equations,
+    guess: Orbit | SpecialPoint,
+    parameter: str,
+    *,
+    search: bool = True,
+    tolerance: float = 1e-10,
+) -> Critical:
+    """Locate a fold, the extremum of a parameter over the cycles, with the gradient of its value.
+
+    Newton's method on the conditions of optimality of the nonlinear program "extremum of the parameter subject to
+    the equations" (eq-fold-optimality), with exact second derivatives. The multipliers are the gradient
+    (eq-fold-gradient). Where that fails, branches are traced from the Hopf points about the guess's value; where that
+    finds none, the parameters are gone to in steps from those of the guess.
+
+    Parameters
+    ----------
+    equations : Equations
+    guess : Orbit or SpecialPoint
+        Near the fold, such as one of ``branch.folds()``.
+    parameter : str
+    search : bool
+        Whether to go on in steps, and by tracing, where Newton's method fails from the guess.
+    tolerance : float
+        Largest scaled residual of the equations and of the conditions of optimality.
+
+    Returns
+    -------
+    Critical
+
+    Raises
+    ------
+    ConvergenceError
+        When there is no fold near the guess.
+    ModelError
+        For an unknown parameter, or equations of equilibria.
+    """
+    system = equations.system
+    place = system.parameter_names.index(system.parameter(parameter).name)
+    if equations.phase is None:
+        raise ModelError("fold: the equations are those of equilibria; ask for at least one harmonic.")
+    orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess
+    equations = equations.phased(orbit)
+    found = _newton(equations, place, orbit, system.vector(), tolerance)
+    if search and not found.converged:
+        found = _by_tracing(equations, place, orbit, tolerance) or found
+    if search and not found.converged and set(orbit.parameters) == set(system.parameter_names):
+        found = _walk(equations, place, orbit, tolerance) or found
+    if not found.converged:
+        raise ConvergenceError(
+            f"no fold found near the guess ({equations.method}; {found.why}). What to try: locate it first with trace, "
+            "and start from branch.folds().",
+            found.problem.orbit(found.y, "did not converge"),
+            {"residual": found.error},
+        )
+    return _critical(found, parameter)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """How Newton's method on the conditions of optimality ended."""
+
+    problem: Problem
+    y: Array
+    multipliers: Array
+    curvature: float
+    error: float
+    converged: bool
+    why: str
+
+
+def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance: float) -> _Solved:
+    """Solve F = 0 and the conditions of optimality at the parameters p, from an orbit near the fold."""
+    name = equations.system.parameter_names[place]
+    p = p.copy()
+    p[place] = orbit.parameters.get(name, p[place])
+    problem = Problem(equations, Conditions((place,)), p)
+    y = np.append(equations.encode(orbit), p[place])
+    second = equations.hessian((place,))
+    multipliers = _multipliers(problem, y)
+    why = f"not converged after {ITERATIONS} iterations"
+    for iteration in range(ITERATIONS):
+        F, J, L, W = _optimality(problem, second, y, multipliers)
+        error = float(max(np.abs(F).max(), np.abs(L).max()))
+        if error <= tolerance and iteration:  # one step at least: the parameter is then good to round-off
+            why = f"found in {iteration} iterations"
+            break
+        m = len(F)
+        try:
+            step = np.linalg.solve(np.block([[W, J.T], [J, np.zeros((m, m))]]), -np.concatenate([L, F]))
+        except np.linalg.LinAlgError:
+            why = "the conditions of optimality are singular"
+            break
+        damping = min(1.0, FARTHEST / max(float(np.abs(step[:-m]).max()), 1e-300))
+        y, multipliers = y + damping * problem.scale * step[:-m], multipliers + damping * step[-m:]
+        if not np.isfinite(y).all():
+            why = "the iteration left all bounds"
+            break
+    converged, active = error <= tolerance, problem.violated(y)
+    tangent = np.linalg.svd(J)[2][-1]
+    curvature = float(problem.scale[-1] * tangent @ W @ tangent)
+    if active:
+        converged, why = False, f"{why}; {', '.join(active)}"
+    elif converged and abs(curvature) <= FLAT * abs(float(problem.scale[-1])):
+        converged, why = False, f"it led to cycles along which {name} does not vary, as those of a linear system"
+    return _Solved(problem, y, multipliers, curvature, error, converged, why)
+
+
+def _walk(equations: Equations, place: int, orbit: Orbit, tolerance: float) -> _Solved | None:
+    """Go from the guess's parameters to those asked for in steps, as long as Newton's method needs; None if lost."""
+    goal = equations.system.vector()
+    start = np.array([orbit.parameters[name] for name in equations.system.parameter_names])
+    done, stride = 0.0, 0.5
+    while stride > SHORTEST:
+        share = min(done + stride, 1.0)
+        found = _newton(equations, place, orbit, start + share * (goal - start), tolerance)
+        if not found.converged:
+            stride /= 2
+            continue
+        if share == 1.0:
+            return found
+        done, orbit, stride = share, found.problem.orbit(found.y, ""), 1.5 * stride
+    return None
+
+
+def _by_tracing(equations: Equations, place: int, orbit: Orbit, tolerance: float) -> _Solved | None:
+    """Trace the branches from the Hopf points about the guess's value; return the fold nearest in frequency."""
+    name, best = equations.system.parameter_names[place], None
+    value, (low, high) = orbit.parameters.get(name, 0.0), equations.system.parameter(name).bounds
+    reach = max(1.2 * abs(value), 0.5)
+    span = max(value - reach, low), min(value + reach, high)
+    for hopf in hopf_points(equations.system, name, span):
+        try:
+            branch = trace(equations, hopf, name, span, families=False, stability=False)
+        except ConvergenceError:
+            continue
+        for special in branch.folds():
+            found = _newton(equations, place, special.orbit, equations.system.vector(), tolerance)
+            nearer = best is None or abs(special.omega - orbit.omega) < abs(best.y[-2] - orbit.omega)
+            if found.converged and nearer:
+                best = found
+    return best
+
+
+def _optimality(
+    problem: Problem, second: ca.Function, y: Array, multipliers: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return scaled residual, its Jacobian, gradient and Hessian of the Lagrangian V + multipliers . F."""
+    F, J = problem.evaluate(y)
+    F, J = F / problem.row_scale, J / problem.row_scale[:, None] * problem.scale
+    objective = np.append(np.zeros(len(y) - 1), 1.0)
+    m = problem.equations.size
+    H = second(y[:m], problem.parameters(y), multipliers / problem.row_scale).full()
+    return F, J, objective + J.T @ multipliers, H * np.outer(problem.scale, problem.scale)
+
+
+def _multipliers(problem: Problem, y: Array) -> Array:
+    """Return the multipliers that fit best at a point: the left null vector of F_z, scaled by F_V."""
+    J = problem.evaluate(y)[1] / problem.row_scale[:, None] * problem.scale
+    return np.asarray(np.linalg.lstsq(J.T, -np.append(np.zeros(len(y) - 1), 1.0), rcond=None)[0])
+
+
+def _critical(found: _Solved, parameter: str) -> Critical:
+    problem, y = found.problem, found.y
+    equations, system = problem.equations, problem.equations.system
+    m, p, place = equations.size, problem.parameters(y), problem.free[0]
+    slopes = equations.sensitivity()(y[:m], p, found.multipliers / problem.row_scale).full().ravel()
+    slopes = slopes * problem.scale[-1]  # the objective was the scaled parameter
+    gradient = {n: float(g) for i, (n, g) in enumerate(zip(system.parameter_names, slopes, strict=True)) if i != place}
+    extremum = "minimum" if found.curvature > 0 else "maximum"
+    orbit = problem.orbit(y, f"fold of {parameter}: conditions of optimality met to {found.error:.1e}")
+    status = f"{extremum} of {parameter} over the cycles near by, {found.why}; no bound is active"
+    return Critical(
+        "fold", parameter, float(y[-1]), extremum, orbit.omega, gradient, orbit, found.error, found.curvature, status
+    )

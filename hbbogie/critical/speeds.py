@@ -1,0 +1,98 @@
+"""All critical values of a parameter over an interval, without a guess."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from hbbogie.branches.continuation import trace
+from hbbogie.critical.folds import fold
+from hbbogie.critical.hopf_gradients import hopf_gradient
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.errors import ModelError
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.system import System
+from hbbogie.results.branch import SpecialPoint
+from hbbogie.results.critical import Critical
+from hbbogie.results.failure import ConvergenceError
+
+BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
+COARSE = 15  # highest harmonic with which branches are traced in search of folds
+
+
+def critical_speeds(
+    system: System,
+    parameter: str = "V",
+    interval: tuple[float, float] | None = None,
+    *,
+    harmonics: int = 21,
+    **values: float,
+) -> list[Critical]:
+    """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str
+    interval : (float, float), optional, unit of the parameter
+        Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out.
+    harmonics : int
+        Highest harmonic of the folds; the branches that lead to them are traced with 15 at most.
+    **values : float
+        Parameter values, by name.
+
+    Returns
+    -------
+    list of Critical
+        In increasing order of the value. Folds on branches that reach no Hopf point in the interval, or up to half
+        of it beyond its ends, are not among them.
+
+    Raises
+    ------
+    ModelError
+        For wrong names or values.
+    """
+    system = system.with_parameters(**values)
+    if harmonics == 0:
+        raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
+    lo, hi = check_interval(system, parameter, interval or default_reach(system, parameter))
+    # the branch of a fold inside may begin at a Hopf point beyond the end
+    around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)
+    span = check_interval(system, parameter, around)
+    coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
+    found: list[Critical] = []
+    located: list[SpecialPoint] = []
+    for hopf in hopf_points(system, parameter, span):
+        if lo <= hopf.value <= hi:
+            found.append(hopf_gradient(system, hopf))
+        try:
+            branch = trace(coarse, hopf, parameter, span, families=False, stability=False)
+        except (ConvergenceError, ModelError):  # no cycle of the kept harmonics begins here
+            continue
+        # a branch between two Hopf points is traced from both
+        located += [new for new in branch.folds() if not any(_same(new, other) for other in located)]
+    for special in located:
+        critical = _polished(fine, special)
+        if harmonics > COARSE:
+            critical = replace(critical, error=abs(critical.value - special.value))
+        if lo <= critical.value <= hi and not any(_same(critical, other) for other in found):
+            found.append(critical)
+    return sorted(found, key=lambda c: c.value)
+
+
+def _polished(equations: Equations, special: SpecialPoint) -> Critical:
+    """Return the fold of a branch with its gradient; without one where that does not converge."""
+    try:
+        return fold(equations, special, special.parameter)
+    except ConvergenceError as error:
+        extremum = "minimum" if special.status.startswith("smallest") else "maximum"
+        status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
+        value, omega, nan = special.value, special.omega, float("nan")
+        return Critical("fold", special.parameter, value, extremum, omega, {}, orbit, orbit.residual, nan, status)
+
+
+def _same(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:
+    pairs: tuple[tuple[Any, Any], ...] = ((a.value, b.value), (a.omega, b.omega))
+    return a.kind == b.kind and all(abs(x - y) <= 1e-7 * max(abs(x), abs(y)) for x, y in pairs)

@@ -1,0 +1,281 @@
+"""What a design is judged by: functions of parameters, eigenvalues, cycles, critical values, with exact gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.design.point import DesignPoint, Row, critical_rows, stable_cycle
+from hbbogie.equilibria.eigenvalues import Eigenvalues
+from hbbogie.equilibria.linearisation import Linearisation
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.methods.equations import Equations
+from hbbogie.model.system import System
+
+Array = NDArray[np.float64]
+
+
+class Quantity(Protocol):
+    """What may be limited, raised or lowered.
+
+    Attributes
+    ----------
+    name, unit : str
+    """
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+
+    def rows(self, point: DesignPoint) -> list[Row]:
+        """Return its values with gradients: several where it is the smallest (or largest) of several."""
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A limit on a quantity; all its rows have to keep it.
+
+    Attributes
+    ----------
+    quantity : Quantity
+    lower, upper : float, unit of the quantity
+    """
+
+    quantity: Quantity
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.lower <= self.upper:
+            raise ModelError(
+                f"Limit on {self.quantity.name}: lower={self.lower:g}, upper={self.upper:g}; give lower <= upper."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalValue:
+    """The smallest critical value over the range: one row for each Hopf point and fold, and the end of the range."""
+
+    name: str = "critical value"
+    unit: str = ""
+
+    def rows(self, point: DesignPoint) -> list[Row]:
+        """Return the rows."""
+        return [row for row, _ in critical_rows(point)]
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """A function of the parameters.
+
+    Attributes
+    ----------
+    name : str
+    of : callable
+        Parameters by name -> expression, such as ``lambda p: 2 * p["K2"] * p["d1"] ** 2``; CasADi differentiates it.
+    unit : str
+    """
+
+    name: str
+    of: Callable[[Mapping[str, Any]], Any]
+    unit: str = ""
+
+    def rows(self, point: DesignPoint) -> list[Row]:
+        """Return the one row."""
+        f, p = point.system.once(self, lambda: self.functions(point.system)), point.system.vector()
+        value, gradient = f[0](p)
+
+        def second(names: Sequence[str]) -> Array:
+            places = [point.system.parameter_names.index(n) for n in names]
+            return np.asarray(f[1](p).full()[np.ix_(places, places)])
+
+        return [Row(self.name, float(value), gradient.full().ravel(), second)]
+
+    def functions(self, system: System) -> tuple[ca.Function, ca.Function]:
+        """Return p -> (value, gradient), and p -> second derivatives."""
+        p = ca.SX.sym("p", len(system.parameters))
+        try:
+            value = ca.SX(self.of(dict(zip(system.parameter_names, ca.vertsplit(p), strict=True))))
+        except KeyError as error:
+            raise ModelError(
+                f"{self.name}: {unknown_name('parameter', error.args[0], system.parameter_names)}"
+            ) from None
+        hessian = ca.Function("expression_hessian", [p], [ca.densify(ca.hessian(value, p)[0])])
+        return ca.Function("expression", [p], [value, ca.densify(ca.gradient(value, p))]), hessian
+
+
+def cost_of_change(system: System, names: Sequence[str]) -> Expression:
+    """Return the cost of leaving the values of a system: the sum of the squared logarithms of the ratios, times 100.
+
+    Parameters
+    ----------
+    system : System
+        With the values that cost nothing.
+    names : sequence of str
+        Parameters with positive values.
+    """
+    before = {n: system.values[n] for n in names}
+    return Expression("cost of change", lambda p: 100 * sum(ca.log(p[n] / v) ** 2 for n, v in before.items()), "1")
+
+
+@dataclass(frozen=True, eq=False)
+class DampingRatio:
+    """The damping ratio of the oscillating modes of the equilibrium, -Re / abs of each eigenvalue; a row for each.
+
+    Attributes
+    ----------
+    at : float, unit of the parameter whose critical value is raised
+        Value of that parameter, such as a service speed.
+    """
+
+    at: float
+    unit: str = "1"
+
+    @property
+    def name(self) -> str:
+        """What it is, and where."""
+        return f"damping ratio at {self.at:g}"
+
+    def rows(self, point: DesignPoint) -> list[Row]:
+        """Return the rows, by growing frequency."""
+        system = point.system
+        _check_within(point, self.name, self.at)
+        line = Linearisation(system, point.parameter)
+        found = Eigenvalues(system, line.equilibrium(self.at), line.parameters(self.at))
+        values = found.values
+        modes = [i for i in np.argsort(np.abs(values)) if values[i].imag > 1e-9 * np.abs(values).max()]
+        rows = []
+        for k, i in enumerate(modes):
+            gradient = _damping_slopes(values[i], found.slopes[i])
+            gradient[line.place] = 0.0
+            second = None if found.moving else partial(_damping_hessian, found, i)
+            rows.append(Row(f"{self.name}, mode {k + 1}", float(-values[i].real / abs(values[i])), gradient, second))
+        return rows
+
+
+def _check_within(point: DesignPoint, what: str, value: float) -> None:
+    """Raise `ModelError` when a value of the parameter lies outside its bounds."""
+    low, high = point.system.parameter(point.parameter).bounds
+    if not low <= value <= high:
+        raise ModelError(
+            f"{what}: {point.parameter} = {value:g} lies outside the bounds ({low:g}, {high:g}) of "
+            f"{point.parameter!r}; give a value within."
+        )
+
+
+def _damping_slopes(value: complex, slopes: NDArray[np.complex128]) -> Array:
+    """Return the derivatives of -cos(arg value) = -Re(value) / abs(value), by those of ln(value)."""
+    angle = np.angle(value)
+    return np.asarray(np.sin(angle) * (slopes / value).imag)
+
+
+def _damping_hessian(found: Eigenvalues, i: int, names: Sequence[str]) -> Array:
+    places = [found.system.parameter_names.index(n) for n in names]
+    value, slopes = found.values[i], found.slopes[i][places] / found.values[i]
+    turn, angle = slopes.imag, np.angle(value)
+    turned = (found.hessian(i, places) / value - np.outer(slopes, slopes)).imag
+    return np.asarray(np.cos(angle) * np.outer(turn, turn) + np.sin(angle) * turned)
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """The largest absolute value, over the period of the hunting cycle, of a coordinate or of an element's force.
+
+    Attributes
+    ----------
+    of : str
+        Name of a coordinate or of an element, such as "q1" or "front flange".
+    at : float, unit of the parameter whose critical value is raised
+        Where; or else
+    overspeed : float
+        where, as a share beyond the smallest critical value. The derivative follows the smallest one.
+    unit : str
+
+    Notes
+    -----
+    The cycle solves F(z, p) = 0, so dz/dp = -F_z^-1 F_p; at its maximum the signal does not vary with the phase, so
+    that the phase may be held. Of several cycles the stable one is meant, of several stable ones the largest. Where
+    there is no cycle there is no row, and a limit is kept.
+    """
+
+    of: str
+    at: float | None = None
+    overspeed: float | None = None
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.at is None) == (self.overspeed is None):
+            raise ModelError(f"Peak of {self.of!r}: give either at= (a value) or overspeed= (a share), not both.")
+        if self.overspeed is not None and not self.overspeed > 0:
+            raise ModelError(f"Peak of {self.of!r}: overspeed={self.overspeed:g}; give a positive share, such as 0.1.")
+
+    @property
+    def name(self) -> str:
+        """What it is, and where."""
+        where = f"at {self.at:g}" if self.at is not None else f"at {100 * (self.overspeed or 0):g} % overspeed"
+        return f"peak of {self.of} {where}"
+
+    def rows(self, point: DesignPoint) -> list[Row]:
+        """Return the one row, or none where there is no cycle."""
+        equations, share = point.equations, self.overspeed or 0.0
+        value = self.at if self.at is not None else point.beyond(share)
+        _check_within(point, self.name, value)
+        if value < point.value:
+            return []
+        cycle = stable_cycle(point, self, value)
+        if cycle is None:
+            return []
+        equations = equations.phased(cycle)
+        z, p = equations.encode(cycle), point.system.vector(**{point.parameter: value})
+        signal, slopes = equations.once(("peak", self.of), lambda: _signal(equations, self.of))
+        tau = fourier.phases(32 * (cycle.H + 1))
+        q, v = (cycle.omega**d * fourier.synthesis(cycle.H, tau, d) @ cycle.coefficients for d in (0, 1))
+        s = signal.map(len(tau))(q.T, v.T, p).full().ravel()
+        best, sign = float(tau[np.argmax(np.abs(s))]), float(np.sign(s[np.argmax(np.abs(s))]))
+        for _ in range(4):
+            _, d1, d2, _ = slopes(best, z, p)
+            best -= float(np.clip(float(d1) / float(d2), -tau[1], tau[1])) if float(d2) else 0.0
+        peak, _, _, d = slopes(best, z, p)
+        J = equations.derivatives(tuple(range(len(p))))(z, p)[1].full()
+        m, d = equations.size, d.full().ravel()
+        gradient = sign * (d[m:] - J[:, m:].T @ np.linalg.solve(J[:, :m].T, d[:m]))
+        place = point.system.parameter_names.index(point.parameter)
+        along, gradient[place] = gradient[place], 0.0
+        if self.overspeed is not None:
+            smallest = min((row for row, _ in critical_rows(point)), key=lambda row: row.value)
+            gradient = gradient + along * (1 + share * np.sign(point.value)) * smallest.gradient
+        return [Row(self.name, float(sign * peak), gradient)]
+
+
+def _signal(equations: Equations, of: str) -> tuple[ca.Function, ca.Function]:
+    """Return (q, v, p) -> signal, and (phase, z, p) -> signal, its two derivatives in it, its gradient in (z, p)."""
+    system = equations.system
+    H = (equations.coefficients.size1_out(0) - 1) // 2
+    tau, z, p = ca.MX.sym("tau"), ca.MX.sym("z", equations.size), ca.MX.sym("p", len(system.parameters))
+    h = ca.DM(np.arange(1, H + 1))
+    both = ca.vec(ca.horzcat(ca.cos(h * tau), ca.sin(h * tau)).T)
+    turned = ca.vec(ca.horzcat(-h * ca.sin(h * tau), h * ca.cos(h * tau)).T)
+    elements = {e.name: e for e in system.elements}
+    q, v = ca.MX.sym("q", system.n), ca.MX.sym("v", system.n)
+    if of in elements:
+        signal = ca.Function("signal", [q, v, p], [elements[of].force(elements[of].argument(q, v, p), p)])
+    elif of in system.coordinate_names:
+        signal = ca.Function("signal", [q, v, p], [q[system.index(of)]])
+    else:
+        raise ModelError(f"Peak: {unknown_name('coordinate or element', of, (*system.coordinate_names, *elements))}")
+    c = equations.coefficients(z, p)
+    s = signal((c[0, :] + both.T @ c[1:, :]).T, (equations.frequency(z) * turned.T @ c[1:, :]).T, p)
+    d1 = ca.gradient(s, tau)
+    slopes = ca.Function("slopes", [tau, z, p], [s, d1, ca.gradient(d1, tau), ca.gradient(s, ca.vertcat(z, p))])
+    return signal, slopes

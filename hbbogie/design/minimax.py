@@ -1,0 +1,334 @@
+"""Minimise the largest of several smooth functions under constraints, when their number may change on the way.
+
+Sequential quadratic programming with an exact penalty in a trust region: the functions are the rows of the program,
+so that the kink where the largest one changes is met by its own structure and not smoothed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's among the first
+ACCEPTED, GOOD = 0.05, 0.7  # share of the predicted improvement from which a step is taken, and the next may be longer
+ROUND_OFF = 1e-13  # relative improvement that cannot be measured
+STATIONARY = 1e-6  # share of the violations whose removal would count
+LONGEST, SHORTEST = 0.5, 1e-9  # radius of the trust region
+PENALTY, HIGHEST = 1.0, 1e6  # weight of violated constraints: first and last
+LEAST, AMPLE = 0.1, 10.0  # the weight: at least so much, and so many times the largest multiplier
+
+
+@dataclass(frozen=True, eq=False)
+class Sample(Generic[T]):
+    """Functions and constraints at a point, scaled to order one.
+
+    Attributes
+    ----------
+    f : dict of float
+        The functions whose largest is minimised, by name.
+    c : dict of float
+        The constraints c <= 0, by name.
+    slopes : dict of ndarray, shape (n,)
+        Gradients of both, by name.
+    point : object
+        What the caller keeps with it.
+    curvatures : dict of callable
+        Where they are known: functions without arguments that return second derivatives, shape (n, n), by name.
+    """
+
+    f: dict[str, float]
+    c: dict[str, float]
+    slopes: dict[str, Array]
+    point: T
+    curvatures: dict[str, Callable[[], Array]] = field(default_factory=dict)
+
+    @property
+    def largest(self) -> float:
+        """The largest function."""
+        return max(self.f.values())
+
+    @property
+    def violation(self) -> float:
+        """Sum of the violations of the constraints."""
+        return sum(max(c, 0.0) for c in self.c.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum(Generic[T]):
+    """How the search ended.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+    sample : Sample
+        There.
+    weights : dict of float
+        Of the functions, adding up to 1, and multipliers of the constraints, by name; those not zero.
+    bounds : ndarray, shape (n,)
+        Multipliers of the bounds: positive at an upper one, negative at a lower one.
+    residual : float
+        Largest entry of the gradient of the Lagrangian.
+    converged : bool
+    status : str
+    history : list of tuple
+        Largest function, violation and radius at each iteration.
+    """
+
+    x: Array
+    sample: Sample[T]
+    weights: dict[str, float]
+    bounds: Array
+    residual: float
+    converged: bool
+    status: str
+    history: list[tuple[float, float, float]] = field(default_factory=list)
+
+
+def minimise_largest(
+    evaluate: Callable[[Array, T | None], Sample[T]],
+    x: Array,
+    near: T | None = None,
+    *,
+    tolerance: float = 1e-7,
+    iterations: int = 80,
+) -> Minimum[T]:
+    """Minimise the largest of several functions over the unit cube, subject to constraints.
+
+    Parameters
+    ----------
+    evaluate : callable
+        (x, what was kept at a point near by) -> Sample; raises `ConvergenceError` or another error of the numerics
+        where it cannot, which shortens the step.
+    x : ndarray, shape (n,)
+        Where the search begins.
+    near : object, optional
+        What was kept at a point near that.
+    tolerance : float
+        Largest entry of the gradient of the Lagrangian, and largest violation.
+    iterations : int
+
+    Returns
+    -------
+    Minimum
+
+    Raises
+    ------
+    ConvergenceError
+        When the functions cannot be evaluated where the search begins, or the program of a step is not solved.
+
+    References
+    ----------
+    R. Fletcher, Practical Methods of Optimization, second edition, Wiley 1987, section 14.4 (exact penalty, trust
+    region); M. J. D. Powell, in Numerical Analysis (Dundee 1977), Springer 1978, 144-157 (damped update).
+    """
+    here = evaluate(x, near)
+    radius, penalty = 0.2, PENALTY
+    B = rest = np.zeros((len(x), len(x)))
+    history: list[tuple[float, float, float]] = []
+    status = f"not converged after {iterations} iterations"
+    for _ in range(iterations):
+        history.append((here.largest, here.violation, radius))
+        step = _step(here, B, x, radius, penalty)
+        if step.slack > 1e-12:
+            # the weight is right when a step removes half of what can be removed within the region
+            least = _step(here, B, x, radius, HIGHEST).slack
+            if here.violation > tolerance and here.violation - least <= STATIONARY * here.violation:
+                status = f"ended after {len(history)} iterations: near by the constraints contradict each other"
+                break
+            while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
+                penalty *= 10
+                step = _step(here, B, x, radius, penalty)
+        residual = float(np.abs(_projected(here, step, x)).max())
+        if residual <= tolerance and here.violation <= tolerance:
+            return _minimum(here, step, x, residual, True, f"converged in {len(history)} iterations", history)
+        expected = here.largest + penalty * here.violation - step.model
+        there = _tried(evaluate, x + step.d, here.point)
+        gain = -np.inf if there is None else here.largest - there.largest + penalty * (here.violation - there.violation)
+        if there is not None and gain < ACCEPTED * expected:
+            second = _step(here, B, x, radius, penalty, _corrected(here, there, step.d))
+            again = _tried(evaluate, x + second.d, here.point)
+            if again is not None:
+                better = here.largest - again.largest + penalty * (here.violation - again.violation)
+                if better > gain:
+                    step, there, gain = second, again, better
+        length = float(np.abs(step.d).max())
+        if there is not None and abs(expected) <= ROUND_OFF * max(1.0, abs(here.largest)):
+            gain = expected  # too small to be measured: the step serves the conditions of optimality
+        if there is None or gain < ACCEPTED * expected:
+            radius = min(radius, length) / 3
+            if radius < SHORTEST:
+                status = "no better design was found within the shortest step"
+                break
+            continue
+        if gain > GOOD * expected and length > 0.9 * radius:
+            radius = min(2 * radius, LONGEST)
+        elif gain < 0.3 * expected:
+            radius = max(length / 2, SHORTEST)
+        rest = _updated(rest, here, there, step)
+        x, here = np.clip(x + step.d, 0.0, 1.0), there
+        largest = max((w for i, w in step.weights.items() if i in here.c), default=0.0)
+        penalty = min(penalty, max(AMPLE * largest, LEAST))  # too dear, and no step may follow a curved constraint
+        B = _known(here, {i: w for i, w in step.weights.items() if i in here.slopes}, x) + rest
+    if here.violation > tolerance:
+        worst = max(here.c, key=lambda name: here.c[name])
+        status += f"; {worst}, is violated by {here.c[worst]:.2g} of its size"
+    step = _step(here, B, x, SHORTEST, penalty)
+    residual = float(np.abs(_projected(here, step, x)).max())
+    return _minimum(here, step, x, residual, False, status, history)
+
+
+def _tried(evaluate: Callable[[Array, T | None], Sample[T]], x: Array, near: T) -> Sample[T] | None:
+    try:
+        return evaluate(np.clip(x, 0.0, 1.0), near)
+    except FAILURES:
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """Solution of the quadratic program: the step, multipliers by name, remaining violation, value of the model."""
+
+    d: Array
+    weights: dict[str, float]
+    slack: float
+    model: float
+
+
+def _step(
+    here: Sample[Any], B: Array, x: Array, radius: float, penalty: float, values: dict[str, float] | None = None
+) -> _Step:
+    """Minimise t + d B d / 2 + penalty * sum of s subject to f + g d <= t, c + a d <= s, s >= 0 in the trust region."""
+    n, names = len(x), [*here.f, *here.c]
+    k = len(here.c)
+    now = {**here.f, **here.c} if values is None else values
+    top = max(now[i] for i in here.f)  # t is counted from here: a small number beside the others
+    A = np.zeros((len(names), n + 1 + k))
+    A[:, :n] = [here.slopes[i] for i in names]
+    A[: len(here.f), n] = -1.0
+    A[len(here.f) :, n + 1 :] = -np.eye(k)
+    right = np.array([top * (i in here.f) - now[i] for i in names])
+    H = np.zeros((n + 1 + k, n + 1 + k))
+    H[:n, :n] = B
+    lower = np.concatenate([np.maximum(-radius, -x), [-np.inf], np.zeros(k)])
+    upper = np.concatenate([np.minimum(radius, 1 - x), np.full(1 + k, np.inf)])
+    cost = np.concatenate([np.zeros(n), [1.0], np.full(k, penalty)])
+    with contextlib.redirect_stdout(io.StringIO()):  # where the solver shows its name, against its options
+        solver = _solver(n + 1 + k, len(names))
+        out = solver(h=H, g=cost, a=A, lba=-np.inf, uba=right, lbx=lower, ubx=upper)
+    y, lam = out["x"].full().ravel(), out["lam_a"].full().ravel()
+    d = np.clip(y[:n], lower[:n], upper[:n])
+    reached = dict(zip(names, A[:, :n] @ d, strict=True))
+    slack = sum(max(now[i] + reached[i], 0.0) for i in here.c)
+    model = max(now[i] + reached[i] for i in here.f) + 0.5 * d @ B @ d + penalty * slack
+    weights = {i: float(w) for i, w in zip(names, lam, strict=True) if w > 1e-10}
+    if not any(i in weights for i in here.f):
+        raise ConvergenceError(f"the quadratic program of a step was not solved: {solver.stats()['return_status']}.")
+    return _Step(d, weights, slack, float(model))
+
+
+_SOLVERS: dict[tuple[int, int], ca.Function] = {}
+
+
+def _solver(size: int, rows: int) -> ca.Function:
+    """Return the solver of quadratic programs of this size, built once."""
+    if (size, rows) not in _SOLVERS:
+        options = {"error_on_fail": False, "printLevel": "none", "sparse": False}
+        shapes = {"h": ca.Sparsity.dense(size, size), "a": ca.Sparsity.dense(rows, size)}
+        _SOLVERS[size, rows] = ca.conic("step", "qpoases", shapes, options)
+    return _SOLVERS[size, rows]
+
+
+def _corrected(here: Sample[Any], there: Sample[Any], d: Array) -> dict[str, float]:
+    """Return values such that the linear model is right at the point tried (second-order correction)."""
+    now = {**here.f, **here.c}
+    tried = {**there.f, **there.c}
+    return {i: tried[i] - float(here.slopes[i] @ d) if i in tried else value for i, value in now.items()}
+
+
+def _lagrangian(sample: Sample[Any], weights: dict[str, float]) -> Array | None:
+    """Return the gradient of the Lagrangian; None when a row of it does not exist at the sample."""
+    if not all(i in sample.slopes for i in weights):
+        return None
+    return np.asarray(sum(w * sample.slopes[i] for i, w in weights.items()))
+
+
+def _projected(sample: Sample[Any], step: _Step, x: Array) -> Array:
+    """Return the gradient of the Lagrangian without what the bounds hold, and without what a step would gain."""
+    g = _lagrangian(sample, step.weights)
+    g = np.zeros(len(x)) if g is None else g
+    held = _held(x, g)
+    open_ = [w * abs(top - value) for i, w in step.weights.items() for value, top in [_gap(sample, i)]]
+    return np.append(np.where(held, 0.0, g), open_)
+
+
+def _gap(sample: Sample[Any], name: str) -> tuple[float, float]:
+    return (sample.f[name], sample.largest) if name in sample.f else (min(sample.c[name], 0.0), 0.0)
+
+
+def _known(sample: Sample[Any], weights: dict[str, float], x: Array) -> Array:
+    """Return what is known of the Hessian of the Lagrangian, along the rows and bounds that hold the design.
+
+    Across them steps are not free to use it, and there it may well be negative, which the program must not be.
+    """
+    H = sum((w * sample.curvatures[i]() for i, w in weights.items() if i in sample.curvatures), np.zeros((len(x),) * 2))
+    slopes = [sample.slopes[i] for i in weights if i in sample.f]
+    g = _lagrangian(sample, weights)
+    held = np.eye(len(x))[_held(x, np.zeros(len(x)) if g is None else g)]
+    A = np.vstack([*(s - slopes[0] for s in slopes[1:]), *(sample.slopes[i] for i in weights if i in sample.c), *held,
+                   np.zeros(len(x))])  # fmt: skip
+    _, sizes, axes = np.linalg.svd(A)
+    Z = axes[int((sizes > 1e-6 * max(sizes.max(initial=0.0), 1e-300)).sum()) :].T
+    curvatures, directions = np.linalg.eigh(Z.T @ H @ Z)
+    Z = Z @ directions
+    return np.asarray(Z * np.maximum(curvatures, 0.0) @ Z.T)
+
+
+def _held(x: Array, g: Array) -> NDArray[np.bool_]:
+    """Return which bounds hold a point against the descent of a function with gradient g."""
+    return ((x <= 1e-9) & (g > 0)) | ((x >= 1 - 1e-9) & (g < 0))
+
+
+def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: _Step) -> Array:
+    """Return Powell's damped update of the Hessian of the rest of the Lagrangian, not known otherwise."""
+    weights = {i: w for i, w in step.weights.items() if i not in here.curvatures}
+    before, after = _lagrangian(here, weights), _lagrangian(there, weights)
+    s = step.d
+    if not weights:
+        return np.zeros_like(B)
+    if before is None or after is None or s @ s < 1e-24:
+        return B
+    y = after - before
+    if not B.any():
+        size = abs(float(y @ y) / float(y @ s)) if abs(y @ s) > 1e-16 else 1.0
+        B = min(max(size, 1e-3), 1e2) * np.eye(len(s))
+    Bs = B @ s
+    sBs = float(s @ Bs)
+    theta = 1.0 if s @ y >= 0.2 * sBs else 0.8 * sBs / (sBs - float(s @ y))
+    r = theta * y + (1 - theta) * Bs
+    return np.asarray(B - np.outer(Bs, Bs) / sBs + np.outer(r, r) / float(s @ r))
+
+
+def _minimum(
+    here: Sample[T],
+    step: _Step,
+    x: Array,
+    residual: float,
+    converged: bool,
+    status: str,
+    history: list[tuple[float, float, float]],
+) -> Minimum[T]:
+    g = _lagrangian(here, step.weights)
+    g = np.zeros(len(x)) if g is None else g
+    at_bound = ((x <= 1e-9) | (x >= 1 - 1e-9)) & (np.abs(g) > 1e-8)
+    return Minimum(x, here, step.weights, np.where(at_bound, -g, 0.0), residual, converged, status, history)

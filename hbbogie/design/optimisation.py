@@ -1,0 +1,273 @@
+"""Design: choose parameters within bounds so that the smallest critical value is as high as it can be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbbogie.design.criteria import Limit, Quantity
+from hbbogie.design.minimax import FAILURES, Minimum
+from hbbogie.design.point import DesignPoint
+from hbbogie.design.task import Progress, Task
+from hbbogie.errors import ModelError
+from hbbogie.model.system import System
+from hbbogie.results.failure import ConvergenceError
+
+FEASIBLE = 1e-6  # sum of the relative violations up to which a design counts as keeping its limits
+
+
+@dataclass(frozen=True, eq=False)
+class Active:
+    """Something that holds the optimum where it is.
+
+    Attributes
+    ----------
+    name : str
+    kind : {"limit", "bound"}
+    limit : float
+        The value of the limit or bound.
+    unit : str
+        Its unit.
+    side : {"lower", "upper"}
+    multiplier : float
+        What the objective gains per unit by which the limit is relaxed, in its own unit.
+    """
+
+    name: str
+    kind: str
+    limit: float
+    unit: str
+    side: str
+    multiplier: float
+
+    @property
+    def per_percent(self) -> float:
+        """What the objective gains when the limit is relaxed by a hundredth of itself."""
+        return self.multiplier * 0.01 * abs(self.limit)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """One start of the search.
+
+    Attributes
+    ----------
+    parameters : dict of float
+        Where it began.
+    value : float
+        The objective where it ended; NaN where it failed.
+    feasible : bool
+        Whether all limits are kept there.
+    status : str
+    """
+
+    parameters: dict[str, float]
+    value: float
+    feasible: bool
+    status: str
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """An optimised design.
+
+    Attributes
+    ----------
+    before, after : DesignPoint
+        With the systems and their critical values.
+    over : dict of (float, float)
+        Bounds of the parameters that were chosen.
+    objective : Quantity
+    value_before, value : float, unit of the objective
+    weights : dict of float
+        Share of each row of the objective in the optimum, adding up to 1: two or more where several critical values
+        are equally low.
+    active : tuple of Active
+        What holds the optimum; nothing where limits are not kept, for multipliers then have no meaning.
+    limits : tuple of (name, unit, lower, upper, before, after)
+        Every row of every limit; NaN where a row does not exist.
+    feasible : bool
+        Whether the optimised design keeps all limits.
+    residual : float
+        Largest entry of the gradient of the Lagrangian, scaled.
+    converged : bool
+    status : str
+    history : list of tuple
+        Objective and sum of the relative violations at each iteration of the best start.
+    starts : tuple of Start
+    """
+
+    before: DesignPoint
+    after: DesignPoint
+    over: dict[str, tuple[float, float]]
+    objective: Quantity
+    value_before: float
+    value: float
+    weights: dict[str, float]
+    active: tuple[Active, ...]
+    limits: tuple[tuple[str, str, float, float, float, float], ...]
+    feasible: bool
+    residual: float
+    converged: bool
+    status: str
+    history: list[tuple[float, float]]
+    starts: tuple[Start, ...]
+
+    @property
+    def system(self) -> System:
+        """The system with the optimised parameters."""
+        return self.after.system
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The values chosen, by name."""
+        return {name: self.system.values[name] for name in self.over}
+
+
+def optimise(
+    system: System,
+    *,
+    raise_: str = "V",
+    over: Mapping[str, tuple[float, float]],
+    subject_to: Sequence[Limit] = (),
+    maximise: Quantity | None = None,
+    minimise: Quantity | None = None,
+    interval: tuple[float, float] | None = None,
+    harmonics: int = 15,
+    starts: int = 1,
+    seed: int = 0,
+    iterations: int = 60,
+    tolerance: float = 1e-6,
+    progress: Progress | None = None,
+) -> Design:
+    """Choose parameters within bounds so that the smallest critical value of a parameter is as high as it can be.
+
+    Parameters
+    ----------
+    system : System
+        Its values are the design before, where the first search begins (cut to the bounds).
+    raise_ : str
+        The parameter whose critical values, Hopf points and folds, are to be raised.
+    over : mapping of (float, float)
+        Bounds of the parameters to choose, by name.
+    subject_to : sequence of Limit
+        Further limits, such as ``Limit(DampingRatio(at=60.0), lower=0.05)``.
+    maximise, minimise : Quantity, optional
+        What is raised instead of the smallest critical value, or lowered.
+    interval : (float, float), optional, unit of the parameter
+        Where critical values are looked for; as in `critical_speeds` where left out. A design without any has the end
+        of the range as its critical value.
+    harmonics : int
+        Highest harmonic of the cycles.
+    starts : int
+        Number of searches; the second and further ones begin at random designs within the bounds.
+    seed : int
+        Of the random designs.
+    iterations : int
+        At most, of each search.
+    tolerance : float
+        Largest entry of the scaled gradient of the Lagrangian.
+    progress : callable, optional
+        Called with (message, fraction done or None).
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    ModelError
+        For unknown names, bounds that are empty or not allowed, no start, or both ``maximise`` and ``minimise``.
+    ConvergenceError
+        When the system's own design cannot be judged: its critical value lies below the range.
+
+    Notes
+    -----
+    The smallest of several values has a kink where the smallest one changes. So the program is: maximise t subject to
+    t <= each critical value (`minimise_largest`), every one of which is smooth, with the exact gradient
+    (eq-fold-gradient). Folds are followed from design to design; at the end all branches are traced, and the search
+    goes on when a lower critical value has appeared.
+
+    Examples
+    --------
+    ``optimise(bogie, raise_="V", over={"K1": (2e6, 5e6), "K2": (5e6, 15e6)})``
+    """
+    if not isinstance(over, Mapping) or any(np.shape(pair) != (2,) for pair in over.values()):
+        raise ModelError(f"optimise: over={over!r}; give a pair of bounds for each name, such as {{'K1': (2e6, 5e6)}}.")
+    if not (isinstance(starts, int | np.integer) and starts >= 1):
+        raise ModelError(f"optimise: starts={starts!r}; give a whole number from 1.")
+    task = Task(system, raise_, dict(over), tuple(subject_to), maximise, minimise, interval, harmonics, progress)
+    before = task.before()
+    rng = np.random.default_rng(seed)
+    # Latin hypercube: each of the random starts has a slice of every parameter to itself
+    slices = rng.permuted(np.tile(np.arange(starts - 1.0), (len(task.names), 1)), axis=1).T
+    first = (system.vector()[task.places] - task.low) / task.width
+    designs = [np.clip(first, 0, 1), *((slices + rng.random(slices.shape)) / max(starts - 1, 1))]
+    found: list[Minimum[DesignPoint] | None] = []
+    told: list[Start] = []
+    for k, x in enumerate(designs):
+        task.stage = f"start {k + 1} of {starts}" if starts > 1 else "optimising"
+        try:
+            best = task.search(x, None if k else before, tolerance, iterations)
+            found.append(best)
+            feasible = best.sample.violation <= FEASIBLE
+            told.append(Start(task.values(x), task.sign * task.size * best.sample.largest, feasible, best.status))
+        except FAILURES as error:
+            if starts == 1:
+                raise
+            found.append(None)
+            told.append(Start(task.values(x), float("nan"), False, str(error)))
+    ended = [m for m in found if m is not None]
+    if not ended:
+        raise ConvergenceError(f"optimise: none of {starts} starts could be judged; the first: {told[0].status}")
+    best = min(ended, key=lambda m: (max(m.sample.violation, FEASIBLE), m.sample.largest))
+    return _design(task, before, best, tuple(told))
+
+
+def _design(task: Task, before: DesignPoint, best: Minimum[DesignPoint], starts: tuple[Start, ...]) -> Design:
+    after, system = best.sample.point, task.system
+    terms = {term.name: term for term in task.limit_terms(after)}
+    active, feasible = [], best.sample.violation <= FEASIBLE
+    for name, weight in best.weights.items():
+        if name in terms:
+            t = terms[name]
+            which = "upper" if t.side > 0 else "lower"
+            active.append(Active(t.row.name, "limit", t.limit, t.unit, which, weight * task.size / t.size))
+    for k, name in enumerate(task.names):
+        if best.bounds[k]:
+            which, unit = "upper" if best.x[k] > 0.5 else "lower", system.parameter(name).unit
+            gain = float(abs(best.bounds[k]) * task.size / task.width[k])
+            active.append(Active(name, "bound", task.over[name][which == "upper"], unit, which, gain))
+    first, last = (task.sign * task.size * max(t.value for t in task.objective_terms(p)) for p in (before, after))
+    return Design(
+        before=before,
+        after=after,
+        over={n: (float(a), float(b)) for n, (a, b) in task.over.items()},
+        objective=task.objective,
+        value_before=first,
+        value=last,
+        weights={n: w for n, w in best.weights.items() if n in best.sample.f},
+        active=tuple(active) if feasible else (),
+        limits=_limits(task.limits, before, after),
+        feasible=feasible,
+        residual=best.residual,
+        converged=best.converged,
+        status=best.status,
+        history=[(task.sign * task.size * f, violation) for f, violation, _ in best.history],
+        starts=starts,
+    )
+
+
+def _limits(
+    limits: Sequence[Limit], before: DesignPoint, after: DesignPoint
+) -> tuple[tuple[str, str, float, float, float, float], ...]:
+    """Return name, unit, limits and values before and after of every row."""
+    out = []
+    for limit in limits:
+        old, new = ({row.name: row.value for row in limit.quantity.rows(point)} for point in (before, after))
+        for name in dict.fromkeys([*old, *new]):
+            values = old.get(name, float("nan")), new.get(name, float("nan"))
+            out.append((name, limit.quantity.unit, limit.lower, limit.upper, *values))
+    return tuple(out)

@@ -1,0 +1,327 @@
+"""Critical values under uncertain parameters: moments from exact derivatives, and Monte Carlo to check them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from hbbogie.design.minimax import FAILURES
+from hbbogie.design.point import DesignPoint, Row, critical_rows, design_point
+from hbbogie.errors import ModelError
+from hbbogie.model.system import System
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float | None], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Random factors by which parameters are multiplied.
+
+    Parameters
+    ----------
+    factors : mapping from name to a frozen distribution of scipy.stats
+        Distribution of the factor, such as ``norm(1, 0.05)``, ``lognorm(0.1)`` or ``uniform(0.8, 0.4)``.
+    correlation : array_like, shape (k, k), optional
+        Of the factors, in their order, where all are normal; independent where left out.
+
+    Examples
+    --------
+    ``Uncertainty({"f11": scipy.stats.lognorm(0.1), "lam": scipy.stats.uniform(0.8, 0.4)})``
+    """
+
+    factors: Mapping[str, Any]
+    correlation: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        k = len(self.factors)
+        if not k:
+            raise ModelError("Uncertainty: factors={} names no parameter; give a distribution for one at least.")
+        moments = np.array([d.stats(moments="mvsk") for d in self.factors.values()], dtype=float)
+        if not np.isfinite(moments).all():
+            name = [*self.factors][int(np.argmin(np.isfinite(moments).all(axis=1)))]
+            raise ModelError(f"Uncertainty: the factor of {name!r} has no finite moments up to the fourth.")
+        if self.correlation is None:
+            return
+        C = np.asarray(self.correlation, dtype=float)
+        normal = all(d.dist.name == "norm" for d in self.factors.values())
+        proper = C.shape == (k, k) and np.allclose(C, C.T) and np.allclose(np.diag(C), 1)
+        if not (normal and proper and np.linalg.eigvalsh(C).min() > 0):
+            raise ModelError(
+                f"Uncertainty: correlation needs normal factors and a positive definite symmetric matrix of shape "
+                f"({k}, {k}) with ones on its diagonal."
+            )
+
+    @property
+    def moments(self) -> tuple[Array, Array, Array, Array]:
+        """Mean minus 1, standard deviation, skewness, and excess kurtosis plus 3 of the factors, each of shape (k,)."""
+        m, v, s, e = np.array([d.stats(moments="mvsk") for d in self.factors.values()], dtype=float).T
+        return m - 1, np.sqrt(v), s, e + 3
+
+    @property
+    def root(self) -> Array:
+        """Matrix T, shape (k, k), such that the factors are their mean plus T times independent standard variables."""
+        sd = self.moments[1]
+        return (
+            np.diag(sd) if self.correlation is None else sd[:, None] * np.linalg.cholesky(np.asarray(self.correlation))
+        )
+
+    def sample(self, count: int, rng: np.random.Generator) -> Array:
+        """Return random factors, shape (count, k)."""
+        if self.correlation is not None:
+            return np.asarray(1 + self.moments[0] + rng.standard_normal((count, len(self.factors))) @ self.root.T)
+        return np.column_stack([d.rvs(count, random_state=rng) for d in self.factors.values()])
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """A critical value as a function of the uncertain factors, to second order about the design.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+        At the design.
+    slopes : ndarray, shape (k,), unit of the value
+        Derivatives in the factors.
+    curvatures : ndarray, shape (k, k), unit of the value
+        Second derivatives.
+    uncertainty : Uncertainty
+    """
+
+    name: str
+    value: float
+    slopes: Array
+    curvatures: Array
+    uncertainty: Uncertainty
+
+    @property
+    def first_order(self) -> tuple[float, float]:
+        """Mean and standard deviation of the linear approximation."""
+        shift = self.uncertainty.moments[0]
+        return float(self.value + self.slopes @ shift), float(np.linalg.norm(self.uncertainty.root.T @ self.slopes))
+
+    @property
+    def second_order(self) -> tuple[float, float]:
+        """Mean and standard deviation of the quadratic approximation, exact for it."""
+        shift, _, skewness, kurtosis = self.uncertainty.moments
+        T, h = self.uncertainty.root, self.curvatures
+        a, h = T.T @ (self.slopes + h @ shift), T.T @ h @ T
+        d = np.diag(h)
+        mean = self.value + self.slopes @ shift + 0.5 * shift @ self.curvatures @ shift + 0.5 * d.sum()
+        mixed = 0.5 * ((h**2).sum() - (d**2).sum())
+        variance = a @ a + (a * d) @ skewness + 0.25 * d**2 @ (kurtosis - 1) + mixed
+        return float(mean), float(np.sqrt(max(variance, 0.0)))
+
+    def predict(self, factors: Array) -> Array:
+        """Return the quadratic approximation at factors of shape (count, k), shape (count,)."""
+        x = factors - 1
+        return np.asarray(self.value + x @ self.slopes + 0.5 * np.einsum("ci,ij,cj->c", x, self.curvatures, x))
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of each factor in the variance of the linear approximation [1]; they add up to 1 if independent."""
+        part = (self.uncertainty.root.T @ self.slopes) ** 2
+        return dict(zip(self.uncertainty.factors, map(float, part / max(part.sum(), 1e-300)), strict=True))
+
+
+def spreads(point: DesignPoint, uncertainty: Uncertainty) -> list[Spread]:
+    """Return every critical value at a design as a function of the uncertain factors.
+
+    Parameters
+    ----------
+    point : DesignPoint
+    uncertainty : Uncertainty
+    """
+    system, names = point.system, list(uncertainty.factors)
+    places = _places(system, point.parameter, uncertainty)
+    p = system.vector()[places]
+    found = []
+    for row, c in critical_rows(point):
+        if c is not None and row.hessian is not None:
+            found.append(
+                Spread(row.name, row.value, row.gradient[places] * p, row.hessian(names) * np.outer(p, p), uncertainty)
+            )
+    return found
+
+
+def _places(system: System, parameter: str, uncertainty: Uncertainty) -> list[int]:
+    places = [system.parameter_names.index(system.parameter(n).name) for n in uncertainty.factors]
+    if parameter in uncertainty.factors:
+        raise ModelError(f"Uncertainty: {parameter!r} is the parameter whose critical values are looked for.")
+    return places
+
+
+@dataclass(frozen=True, eq=False)
+class RobustValue:
+    """Mean minus k standard deviations of every critical value, to first order in the uncertain factors.
+
+    Attributes
+    ----------
+    uncertainty : Uncertainty
+    k : float
+        With normal scatter the value is exceeded with probability Phi(k): 97.7 % for k = 2 (see `quantile`).
+    unit : str
+
+    Notes
+    -----
+    The gradient takes the second derivatives of the critical value, which are exact (`critical_hessian`).
+    """
+
+    uncertainty: Uncertainty
+    k: float = 2.0
+    unit: str = ""
+
+    @classmethod
+    def quantile(cls, uncertainty: Uncertainty, q: float, unit: str = "") -> RobustValue:
+        """Return the q-quantile of every critical value in the normal approximation, such as q = 0.05.
+
+        Raises
+        ------
+        ModelError
+            Unless 0 < q < 1.
+        """
+        if not 0 < q < 1:
+            raise ModelError(f"RobustValue: quantile {q!r}; give a number between 0 and 1.")
+        return cls(uncertainty, -float(stats.norm.ppf(q)), unit)
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+        return f"mean minus {self.k:.3g} sigma"
+
+    def rows(self, point: DesignPoint) -> list[Row]:
+        """Return the rows."""
+        system = point.system
+        names = [n for n in system.parameter_names if n != point.parameter]
+        uncertain = _places(system, point.parameter, self.uncertainty)
+        columns = [system.parameter_names.index(n) for n in names]
+        p, shift, T = system.vector()[uncertain], self.uncertainty.moments[0], self.uncertainty.root
+        rows = []
+        for row, c in critical_rows(point):
+            if c is None or row.hessian is None:
+                rows.append(Row(row.name, row.value, row.gradient))
+                continue
+            a = row.gradient[uncertain] * p
+            H = np.zeros((len(a), len(system.parameters)))
+            H[:, columns] = row.hessian(names)[[names.index(n) for n in self.uncertainty.factors]] * p[:, None]
+            H[np.arange(len(a)), uncertain] += row.gradient[uncertain]  # a_j = dV/dp_j p_j depends on p_j twice
+            sigma = float(np.linalg.norm(T.T @ a))
+            slope = (T @ (T.T @ a)) @ H / sigma if sigma else np.zeros(H.shape[1])
+            rows.append(
+                Row(row.name, float(row.value + a @ shift - self.k * sigma), row.gradient + shift @ H - self.k * slope)
+            )
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarlo:
+    """Smallest critical values at random designs.
+
+    Attributes
+    ----------
+    factors : ndarray, shape (count, k)
+    values : ndarray, shape (count,), unit of the parameter
+        NaN where they could not be found; the beginning of the range where the critical value lies below it.
+    """
+
+    factors: Array
+    values: Array
+
+    @property
+    def failed(self) -> int:
+        """Number of designs without a value."""
+        return int(np.isnan(self.values).sum())
+
+    @property
+    def known(self) -> Array:
+        """The values found."""
+        return self.values[~np.isnan(self.values)]
+
+    def probability_below(self, value: float, confidence: float = 0.95) -> tuple[float, float, float]:
+        """Return the share of designs below a value, and the Clopper-Pearson interval of the probability.
+
+        Raises
+        ------
+        ModelError
+            When no design has a value.
+        """
+        if not len(self.known):
+            raise ModelError("Monte Carlo: no design has a critical value; look at a wider range.")
+        test = stats.binomtest(int((self.known < value).sum()), len(self.known))
+        interval = test.proportion_ci(confidence, method="exact")
+        return float(test.statistic), float(interval.low), float(interval.high)
+
+
+def monte_carlo(
+    point: DesignPoint, uncertainty: Uncertainty, count: int = 200, seed: int = 0, progress: Progress | None = None
+) -> MonteCarlo:
+    """Find the smallest critical value at random designs about a design, each from the folds of that design.
+
+    Parameters
+    ----------
+    point : DesignPoint
+    uncertainty : Uncertainty
+    count : int
+    seed : int
+    progress : callable, optional
+        Called with (message, fraction done).
+    """
+    places = _places(point.system, point.parameter, uncertainty)
+    p = point.system.vector()[places]
+    factors = uncertainty.sample(count, np.random.default_rng(seed))
+    H = (point.equations.coefficients.size1_out(0) - 1) // 2
+    values = np.full(count, np.nan)
+    for i, factor in enumerate(factors):
+        if progress:
+            progress("random designs", i / count)
+        try:
+            changed = point.system.with_parameters(
+                **dict(zip(uncertainty.factors, map(float, factor * p), strict=True))
+            )
+            values[i] = design_point(changed, point.parameter, point.interval, H, point).value
+        except ConvergenceError as error:
+            values[i] = error.statistics.get("below", np.nan)
+        except (ModelError, *FAILURES):
+            continue  # a factor beyond the bounds of its parameter, or a failure of the numerics
+    return MonteCarlo(factors, values)
+
+
+def predicted(found: list[Spread], count: int = 100_000, seed: int = 0) -> Array:
+    """Return the smallest of all quadratic approximations at random factors, shape (count,).
+
+    Parameters
+    ----------
+    found : list of Spread
+    count, seed : int
+    """
+    factors = found[0].uncertainty.sample(count, np.random.default_rng(seed))
+    return np.asarray(np.min([f.predict(factors) for f in found], axis=0))
+
+
+def predicted_below(found: list[Spread], value: float, count: int = 100_000, seed: int = 0) -> tuple[float, float]:
+    """Return the probability that the smallest critical value lies below a value, to first and second order.
+
+    Parameters
+    ----------
+    found : list of Spread
+    value : float
+    count : int
+        Samples of the quadratic approximation; the linear one is taken as normal.
+    seed : int
+
+    Returns
+    -------
+    first, second : float
+        The first is that of the lowest mean minus deviation alone.
+    """
+    first = max(
+        float(stats.norm.cdf((value - m) / s)) if s else float(m < value) for m, s in (f.first_order for f in found)
+    )
+    return first, float((predicted(found, count, seed) < value).mean())

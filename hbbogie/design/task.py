@@ -1,0 +1,167 @@
+"""The search for a design: its program in unit variables, scaled, from design to design."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.design.criteria import CriticalValue, Limit, Quantity
+from hbbogie.design.minimax import Minimum, Sample, minimise_largest
+from hbbogie.design.point import DesignPoint, Row, design_point
+from hbbogie.errors import ModelError
+from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.system import System
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float | None], None]
+RESCANS = 3  # times the search begins anew when the range holds a lower critical value than those followed
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A row of the objective or of a limit, as a term of the scaled program: side (value - limit) / size.
+
+    Attributes
+    ----------
+    name : str
+        The same from design to design.
+    row : Row
+    limit : float
+        0 in the objective.
+    side : {1.0, -1.0}
+        1 where the value is to be small: an upper limit, or an objective that is lowered.
+    size : float
+    unit : str
+        Of the row.
+    """
+
+    name: str
+    row: Row
+    limit: float
+    side: float
+    size: float
+    unit: str
+
+    @property
+    def value(self) -> float:
+        """The term."""
+        return self.side * (self.row.value - self.limit) / self.size
+
+
+class Task:
+    """The search in unit variables, with what scales it."""
+
+    def __init__(
+        self,
+        system: System,
+        raise_: str,
+        over: dict[str, tuple[float, float]],
+        limits: tuple[Limit, ...],
+        maximise: Quantity | None,
+        minimise: Quantity | None,
+        interval: tuple[float, float] | None,
+        harmonics: int,
+        progress: Progress | None,
+    ):
+        if maximise is not None and minimise is not None:
+            raise ModelError("optimise: got both maximise= and minimise=; give one of them, or none.")
+        if not over:
+            raise ModelError("optimise: over={} names no parameter to choose; give bounds such as {'K1': (2e6, 5e6)}.")
+        self.system, self.parameter, self.over, self.limits = system, system.parameter(raise_).name, over, limits
+        self.interval = check_interval(system, raise_, interval or default_reach(system, raise_))
+        self.harmonics, self.progress, self.stage = harmonics, progress, "optimising"
+        self.objective: Quantity = minimise or maximise or CriticalValue(unit=system.parameter(raise_).unit)
+        self.sign = 1.0 if minimise is not None else -1.0
+        self.names = list(over)
+        for name, (low, high) in over.items():
+            allowed = system.parameter(name).bounds
+            if name == raise_ or not (allowed[0] <= low < high <= allowed[1] and np.isfinite([low, high]).all()):
+                raise ModelError(
+                    f"optimise: bounds of {name!r} are ({low:g}, {high:g}); give low < high within ({allowed[0]:g}, "
+                    f"{allowed[1]:g}), of another parameter than {raise_!r}."
+                )
+        self.places = [system.parameter_names.index(n) for n in self.names]
+        self.low, self.high = (np.array([float(over[n][i]) for n in self.names]) for i in (0, 1))
+        self.width, self.size = self.high - self.low, 1.0
+
+    def values(self, x: Array) -> dict[str, float]:
+        """Return the parameter values of a point of the unit cube, bounds exactly."""
+        p = np.where(x >= 1, self.high, self.low + self.width * np.clip(x, 0, 1))
+        return dict(zip(self.names, map(float, p), strict=True))
+
+    def before(self) -> DesignPoint:
+        """Return the design before, and set the scale of the objective."""
+        point = design_point(self.system, self.parameter, self.interval, self.harmonics)
+        sizes = [abs(row.value) for row in self.objective.rows(point)]
+        self.size = max(sizes, default=1.0) or 1.0
+        self.limit_terms(point)  # its cycles are kept, to begin from
+        return point
+
+    def search(self, x: Array, near: DesignPoint | None, tolerance: float, iterations: int) -> Minimum[DesignPoint]:
+        """Search from a start, and go on from where it ended while a lower critical value has appeared there."""
+        for _ in range(RESCANS):
+            best = minimise_largest(self.evaluate, x, near, tolerance=tolerance, iterations=iterations)
+            x, near = best.x, None
+            try:
+                anew = self.evaluate(x, None)
+            except ConvergenceError as error:
+                return replace(best, converged=False, status=f"{best.status}, but not confirmed from scratch: {error}")
+            if anew.largest <= best.sample.largest + 1e-9 and anew.violation <= best.sample.violation + 1e-6:
+                return best
+        return replace(
+            best, converged=False, status=f"{best.status}, but other critical values or cycles keep appearing"
+        )
+
+    def evaluate(self, x: Array, near: DesignPoint | None) -> Sample[DesignPoint]:
+        """Return objective and limits at a point of the unit cube, scaled."""
+        system = self.system.with_parameters(**self.values(x))
+        point = design_point(system, self.parameter, self.interval, self.harmonics, near)
+        terms, limits = self.objective_terms(point), self.limit_terms(point)
+        slopes: dict[str, Array] = {}
+        curvatures: dict[str, Callable[[], Array]] = {}
+        for term in (*terms, *limits):
+            factor = term.side / term.size
+            slopes[term.name] = factor * term.row.gradient[self.places] * self.width
+            if term.row.hessian is not None:
+                curvatures[term.name] = partial(self._curvature, term.row.hessian, factor)
+        f, c = ({term.name: term.value for term in some} for some in (terms, limits))
+        if self.progress:
+            self.progress(f"{self.stage}: {self.parameter} = {point.value:.5g}", None)
+        return Sample(f, c, slopes, point, curvatures)
+
+    def _curvature(self, hessian: Callable[[Sequence[str]], Array], factor: float) -> Array:
+        try:
+            return factor * hessian(self.names) * np.outer(self.width, self.width)
+        except np.linalg.LinAlgError:  # where two critical points are about to merge: steps are then those without it
+            return np.zeros((len(self.names), len(self.names)))
+
+    def objective_terms(self, point: DesignPoint) -> list[Term]:
+        """Return the terms whose largest is minimised.
+
+        Raises
+        ------
+        ConvergenceError
+            When the objective has no row here, such as the peak of a cycle that does not exist.
+        """
+        unit, rows = self.objective.unit, self.objective.rows(point)
+        if not rows:
+            raise ConvergenceError(
+                f"the {self.objective.name} has no value where {self.parameter} = {point.value:g} is critical."
+            )
+        return [Term(row.name, row, 0.0, self.sign, self.size, unit) for row in rows]
+
+    def limit_terms(self, point: DesignPoint) -> list[Term]:
+        """Return the terms that have to be 0 or less: one for each side of every limit that has a row here."""
+        found = []
+        for k, limit in enumerate(self.limits):
+            for row in limit.quantity.rows(point):
+                for side, bound in ((1.0, limit.upper), (-1.0, limit.lower)):
+                    if np.isfinite(bound):
+                        name = f"limit {k + 1}, {row.name}, {'upper' if side > 0 else 'lower'}"
+                        found.append(Term(name, row, bound, side, abs(bound) or 1.0, limit.quantity.unit))
+        return found

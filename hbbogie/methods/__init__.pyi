@@ -1,0 +1,10 @@
+from .compatibility import Compatible as Compatible
+from .compatibility import compatible as compatible
+from .contact import make_ramp as make_ramp
+from .describing_balance import DescribingFunction as DescribingFunction
+from .describing_functions import describing_function as describing_function
+from .equations import Equations as Equations
+from .equivalent import EquivalentSystem as EquivalentSystem
+from .harmonic import HarmonicBalance as HarmonicBalance
+from .heuristic import HeuristicStability as HeuristicStability
+from .heuristic import heuristic_stability as heuristic_stability

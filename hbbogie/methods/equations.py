@@ -1,0 +1,142 @@
+"""The waist: algebraic equations F(z, p) = 0 for cycles, whatever method they come from.
+
+Solvers, continuation and optimisation see only `Equations`; a method makes them and never imports a solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.errors import ModelError
+from hbbogie.results import Orbit
+
+if TYPE_CHECKING:
+    from hbbogie.model.system import System
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+RESTING = 1e-6  # share of the largest first harmonic up to which a coordinate does not set the phase
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Equations F(z, p) = 0, as many as unknowns z, with bounds, scales and a codec to and from `Orbit`.
+
+    Attributes
+    ----------
+    system : System
+        Whose parameter values hold wherever a solver is not told otherwise.
+    method : str
+        What made them, for people.
+    residual : casadi.Function, (z, p) -> F, shape (m,)
+    derivatives : callable
+        Places of free parameters -> casadi.Function (z, p) -> (F, dF/d(z, p[free])), exact.
+    hessian : callable
+        Places of free parameters -> casadi.Function (z, p, multipliers) -> second derivative of
+        multipliers . F with respect to (z, p[free]), exact.
+    sensitivity : callable
+        () -> casadi.Function (z, p, multipliers) -> derivative of multipliers . F with respect to p, exact.
+    coefficients : casadi.Function, (z, p) -> shape (2 H + 1, n), unit of the coordinate
+        The Fourier coefficients of all coordinates.
+    frequency : casadi.Function, z -> omega [rad/s] (0 for equilibria)
+    from_coefficients : callable
+        (coefficients, omega) -> z; the inverse of the two for a cycle in the right phase.
+    unknowns, rows : tuple of str
+        Labels of z and of F.
+    lower, upper, scale : ndarray, shape (m,), unit of z
+        Bounds that keep the zero solution and runaways away; typical size of each unknown.
+    residual_scale : ndarray, shape (m,), unit of F
+    phase : int or None
+        Coordinate whose sine coefficient of the first harmonic is zero; None for equilibria.
+    with_phase : callable or None
+        (name of a coordinate, system) -> the equations with the phase set by that one; None where it was chosen.
+    built : dict
+        Where solvers keep what they build once for these functions.
+    """
+
+    system: System
+    method: str
+    residual: ca.Function
+    derivatives: Callable[[tuple[int, ...]], ca.Function]
+    hessian: Callable[[tuple[int, ...]], ca.Function]
+    sensitivity: Callable[[], ca.Function]
+    coefficients: ca.Function
+    frequency: ca.Function
+    from_coefficients: Callable[[Array, float], Array]
+    unknowns: tuple[str, ...]
+    rows: tuple[str, ...]
+    lower: Array
+    upper: Array
+    scale: Array
+    residual_scale: Array
+    phase: int | None
+    with_phase: Callable[[str, System], Equations] | None = None
+    built: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns, and of equations."""
+        return len(self.unknowns)
+
+    def phased(self, orbit: Orbit) -> Equations:
+        """Return the equations with the phase set by a coordinate that moves in an orbit; these where theirs moves."""
+        names = self.system.coordinate_names
+        if self.phase is None or self.with_phase is None or orbit.H == 0 or orbit.coordinates != names:
+            return self
+        sizes = np.hypot(*orbit.coefficients[1:3])
+        able = [i for i, name in enumerate(names) if f"{name}, cosine of harmonic 1" in self.unknowns]
+        largest = max(able, key=lambda i: float(sizes[i]))
+        return self if sizes[self.phase] > RESTING * sizes[largest] else self.with_phase(names[largest], self.system)
+
+    def encode(self, orbit: Orbit) -> Array:
+        """Return the unknowns of an orbit, shifted in time to the phase condition, shape (m,).
+
+        Raises
+        ------
+        ModelError
+            When the orbit belongs to other coordinates, or does not move where a cycle is asked for.
+        """
+        if orbit.coordinates != self.system.coordinate_names:
+            raise ModelError(
+                f"the guess is an orbit of {orbit.system!r} with coordinates {', '.join(orbit.coordinates)}; "
+                f"the equations are those of {self.system.name!r} with {', '.join(self.system.coordinate_names)}."
+            )
+        c = orbit.coefficients
+        if self.phase is not None:
+            if orbit.H == 0 or np.hypot(*c[1:3, self.phase]) == 0:
+                raise ModelError(
+                    f"the guess does not move in {orbit.coordinates[self.phase]!r}, the coordinate that sets the "
+                    "phase; give a cycle, or choose another with HarmonicBalance(..., phase=name)."
+                )
+            c = fourier.shift(c, float(np.arctan2(c[2, self.phase], c[1, self.phase])))
+        return self.from_coefficients(c, orbit.omega)
+
+    def once(self, key: Any, build: Callable[[], T]) -> T:
+        """Return what ``build()`` made for this key, for all equations that share these functions."""
+        if key not in self.built:
+            self.built[key] = build()
+        return cast("T", self.built[key])
+
+    def decode(self, z: Array, p: Array, status: str = "", F: Array | None = None) -> Orbit:
+        """Return the orbit of the unknowns z at the parameter vector p; ``F`` is the residual where it is known."""
+        system = self.system
+        if F is None:
+            F = self.residual(z, p).full().ravel()
+        return Orbit(
+            system.name,
+            system.coordinate_names,
+            tuple(c.unit for c in system.coordinates),
+            np.asarray(self.coefficients(z, p).full()),
+            float(self.frequency(z)),
+            dict(zip(system.parameter_names, map(float, p), strict=True)),
+            self.method,
+            float(np.abs(F / self.residual_scale).max()),
+            status,
+        )

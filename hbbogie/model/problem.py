@@ -1,0 +1,209 @@
+"""Problem files: find them, load them, build their systems.
+
+A problem file is a Python file with a docstring (source, assumptions, symbols with units) and
+
+- ``SYSTEM``: a function that takes parameter values as keywords and returns a `System`;
+- ``PARAMETER``, optional: name of the parameter to continue in where nothing else is said;
+- ``RANGE``, optional: smallest and largest value of that parameter, (lo, hi).
+
+Worker processes. A problem is loaded as the module ``hbbogie_problem_<name>`` (for a user's file,
+with the hash of its path behind it), which stands in ``sys.modules`` but not on the import path.
+Its functions and classes therefore pickle, and a forked worker finds them. A worker started afresh
+has to load the problem first; the name is the same in every process, so this is enough::
+
+    ProcessPoolExecutor(initializer=load_problem, initargs=(path,))
+
+A `System` needs none of this: it pickles by itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import os
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.model.ranges import default_reach
+from hbbogie.model.system import System
+
+
+def shipped_folder() -> Path:
+    """Return the folder of the shipped problems: inside an installed package, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "problems"
+    return inside if inside.is_dir() else package.parent / "problems"
+
+
+def shipped_problems() -> tuple[str, ...]:
+    """Return the names of the problems that come with the package, in alphabetical order."""
+    files = shipped_folder().glob("*.py")
+    return tuple(sorted(f.stem for f in files if not f.stem.startswith("_")))
+
+
+def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
+    """Return the module of a problem.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        Path of an existing file that ends in .py, or the name of a shipped problem.
+
+    Returns
+    -------
+    module
+        Loaded once in a process as long as the file stays as it is; a file that has changed is loaded afresh. Its
+        ``__source_hash__`` is the hash of what was loaded.
+
+    Raises
+    ------
+    ModelError
+        When there is no such file or problem, or when the file raises an error while it is executed.
+
+    Examples
+    --------
+    >>> load_problem("van_der_pol").van_der_pol(mu=2.0).values
+    {'mu': 2.0}
+    """
+    path = _locate(name_or_path)
+    name = _module_name(path)
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"problem file {str(path)!r} cannot be read: {error.strerror}.") from error
+    digest = hashlib.sha256(source).hexdigest()[:16]
+    before = sys.modules.get(name)
+    if before is not None and getattr(before, "__source_hash__", digest) == digest:
+        return before
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ModelError(f"problem file {str(path)!r}: Python cannot read it as a module.")
+    module = importlib.util.module_from_spec(spec)
+    module.__dict__["__source_hash__"] = digest
+    sys.modules[name] = module  # before execution: dataclasses look their module up
+    try:
+        # not by the loader, whose bytecode cache takes a file for the same by time and size
+        exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise ModelError(_failure(error, path, "cannot be loaded")) from error
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def system_of(module: ModuleType, **overrides: Any) -> System:
+    """Return the system of a problem module.
+
+    Parameters
+    ----------
+    module : module
+        As returned by `load_problem`.
+    **overrides
+        Options of the module's builder, and parameter values that replace the defaults.
+
+    Raises
+    ------
+    ModelError
+        When the module has no builder ``SYSTEM``, the builder fails or does not take such a keyword, or
+        what it returns is not a `System`.
+    """
+    where = f"problem {getattr(module, '__file__', None) or module.__name__!r}"
+    builder = getattr(module, "SYSTEM", None)
+    if builder is None:
+        raise ModelError(f"{where} has no SYSTEM; write SYSTEM = f, with f a function that returns a System.")
+    if not callable(builder):
+        raise ModelError(
+            f"{where}: SYSTEM is of type {type(builder).__name__}; it must be a function that takes "
+            "parameter values as keywords and returns a System."
+        )
+    taken = _keywords_of(builder, overrides)
+    try:
+        system = builder(**taken)
+    except ModelError:
+        raise
+    except Exception as error:
+        path = Path(getattr(module, "__file__", None) or module.__name__)
+        raise ModelError(_failure(error, path, "cannot build its system")) from error
+    if not isinstance(system, System):
+        raise ModelError(
+            f"{where}: {getattr(builder, '__name__', 'SYSTEM')}() returned an object of type "
+            f"{type(system).__name__}; it must return a System."
+        )
+    return system.with_parameters(**{name: value for name, value in overrides.items() if name not in taken})
+
+
+def _locate(name_or_path: str | os.PathLike[str]) -> Path:
+    """Return the resolved path of a user's file or of a shipped problem."""
+    text = os.fspath(name_or_path)
+    if text.endswith(".py"):
+        path = Path(text).expanduser()
+        if path.is_file():
+            return path.resolve()
+        if path.stem not in shipped_problems() or path.name != text:
+            raise ModelError(
+                f"no problem file {text!r} (looked for {str(path.absolute())!r}); give the path of an "
+                f"existing .py file, or one of the shipped problems: {', '.join(shipped_problems())}."
+            )
+        text = path.stem  # the file name of a shipped problem, meant as its name
+    if text in shipped_problems():
+        return shipped_folder() / f"{text}.py"
+    raise ModelError(
+        f"{unknown_name('problem', text, shipped_problems())} These are the shipped problems; "
+        "or give the path of a .py file."
+    )
+
+
+def _module_name(path: Path) -> str:
+    """Return the name of a problem's module, the same in every process that sees the file at this path."""
+    name = "hbbogie_problem_" + "".join(c if c.isalnum() else "_" for c in path.stem)
+    if path.parent == shipped_folder():
+        return name
+    return f"{name}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+
+
+def _failure(error: BaseException, path: Path, what: str) -> str:
+    """Return the sentence for an error raised in a problem file, with the file and the line in it."""
+    line: int | None = None
+    if isinstance(error, SyntaxError) and error.filename == str(path):
+        line = error.lineno
+    else:
+        frames = traceback.extract_tb(error.__traceback__)
+        line = next((f.lineno for f in reversed(frames) if f.filename == str(path)), None)
+    place = f"{path}, line {line}" if line else str(path)
+    text = error.msg if isinstance(error, SyntaxError) else str(error)
+    return f"problem file {place} {what}: {type(error).__name__}: {text}".rstrip(": ") + "."
+
+
+def _keywords_of(builder: Any, overrides: dict[str, Any]) -> dict[str, Any]:
+    """Return those of the overrides that the builder takes as keywords."""
+    try:
+        parameters = inspect.signature(builder).parameters
+    except (TypeError, ValueError):
+        return overrides  # a builder without a readable signature: let the call speak
+    if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        return overrides
+    taken = [n for n, p in parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    return {name: value for name, value in overrides.items() if name in taken}
+
+
+def default_interval(
+    module: ModuleType, system: System, parameter: str | None = None
+) -> tuple[str, tuple[float, float]]:
+    """Return the parameter to follow and where: the module's PARAMETER and RANGE, where they apply.
+
+    Otherwise the system's first parameter, and twice its value (at least 1) to either side, in its bounds.
+    """
+    own = getattr(module, "PARAMETER", None)
+    name = parameter or own or next(iter(system.parameter_names), None)
+    if name is None:
+        raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
+    if name == own and hasattr(module, "RANGE"):
+        return name, (float(module.RANGE[0]), float(module.RANGE[1]))
+    return name, default_reach(system, name)

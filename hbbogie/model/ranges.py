@@ -1,0 +1,31 @@
+"""Intervals of a parameter: given ones checked, and what is looked at where none is given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hbbogie.errors import ModelError
+from hbbogie.model.system import System
+
+
+def default_reach(system: System, parameter: str) -> tuple[float, float]:
+    """Return twice the value of a parameter (at least 1) to either side, within its bounds."""
+    (low, high), value = system.parameter(parameter).bounds, system.values[parameter]
+    reach = max(2 * abs(value), 1.0)
+    return max(value - reach, low), min(value + reach, high)
+
+
+def check_interval(system: System, parameter: str, interval: tuple[float, float]) -> tuple[float, float]:
+    """Return the interval cut to the parameter's bounds; raise `ModelError` when nothing is left of it."""
+    low, high = system.parameter(parameter).bounds
+    try:
+        first, last = map(float, interval)
+    except (TypeError, ValueError):
+        raise ModelError(f"interval of {parameter!r}: got {interval!r}; give two numbers (low, high).") from None
+    lo, hi = max(first, low), min(last, high)
+    if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):
+        raise ModelError(
+            f"interval of {parameter!r}: got ({first:g}, {last:g}); give (low, high) with low < high, "
+            f"within the parameter's bounds ({low:g}, {high:g})."
+        )
+    return lo, hi

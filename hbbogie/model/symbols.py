@@ -1,0 +1,58 @@
+"""Symbols of a model: coordinates with their time derivatives, and parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+
+class Coordinate(ca.SX):
+    """A coordinate; an expression in the equations, with ``.dot`` and ``.ddot`` as time derivatives.
+
+    Parameters
+    ----------
+    name : str
+    unit : str
+        Unit of the coordinate, such as "m" or "rad".
+    description : str
+    """
+
+    def __init__(self, name: str, unit: str = "", description: str = ""):
+        super().__init__(ca.SX.sym(name))
+        self.name, self.unit, self.description = name, unit, description
+        self.dot, self.ddot = ca.SX.sym(f"d({name})/dt"), ca.SX.sym(f"d2({name})/dt2")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Coordinate, (self.name, self.unit, self.description)
+
+
+class Parameter(ca.SX):
+    """A named number; an expression in the equations.
+
+    Parameters
+    ----------
+    name : str
+    default : float
+        Value where nothing else is said.
+    unit : str
+    description : str
+    bounds : (float, float)
+        Smallest and largest acceptable value, both included.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        default: float,
+        unit: str = "",
+        description: str = "",
+        bounds: tuple[float, float] = (-np.inf, np.inf),
+    ):
+        super().__init__(ca.SX.sym(name))
+        self.name, self.default, self.unit = name, float(default), unit
+        self.description, self.bounds = description, (float(bounds[0]), float(bounds[1]))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Parameter, (self.name, self.default, self.unit, self.description, self.bounds)

@@ -1,0 +1,291 @@
+"""Systems: equations of motion written symbolically, with named coordinates and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar, cast
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.model.checks import check_equations, check_names, orders
+from hbbogie.model.dynamics import check_leading_matrix, first_order_form, full_residual, linear_matrices, state_matrix
+from hbbogie.model.elements import Element, attach
+from hbbogie.model.laws import Law
+from hbbogie.model.parts import Parts, is_odd, split
+from hbbogie.model.ramps import Scalar
+from hbbogie.model.symbols import Coordinate, Parameter
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+
+class System:
+    """Equations of motion ``r(q, q', q'', p) = 0`` of n coordinates, first or second order, or mixed.
+
+    Parameters
+    ----------
+    name : str
+    coordinates : sequence of Coordinate
+    parameters : sequence of Parameter
+    equations : sequence of expressions
+        One for each coordinate, each equal to zero.
+    elements : sequence of Element
+        The elements used in the equations.
+    description : str
+
+    Raises
+    ------
+    ModelError
+        When the equations do not determine the motion; the message says which and why.
+
+    Notes
+    -----
+    A system is a value: it never changes, pickles, and `with_parameters` gives a new one.
+    Attributes found by symbolic analysis: `mass`, `damping`, `stiffness`, `nonlinear_coordinates`,
+    `odd`, `inactive_parameters`.
+
+    Examples
+    --------
+    >>> x, mu = Coordinate("x"), Parameter("mu", 1.0)
+    >>> System("van der Pol", [x], [mu], [x.ddot - mu * (1 - x**2) * x.dot + x]).odd
+    True
+    """
+
+    def __init__(
+        self,
+        name: str,
+        coordinates: Sequence[Coordinate],
+        parameters: Sequence[Parameter],
+        equations: Sequence[Scalar],
+        elements: Sequence[Element] = (),
+        description: str = "",
+    ):
+        self.name, self.description = name, description
+        self.coordinates, self.parameters = tuple(coordinates), tuple(parameters)
+        self._built: dict[Any, Any] = {}
+        check_names(self.coordinates, self.parameters, elements)
+        r = check_equations(equations, self.coordinates, self.parameters, elements)
+        q, v, a = self._symbols()
+        p = ca.vertcat(*self.parameters) if self.parameters else ca.SX(0, 1)
+        f = ca.vertcat(*elements) if elements else ca.SX(0, 1)
+        self.elements = tuple(attach(e, q, v, p) for e in elements)
+        self.values: dict[str, float] = {}
+        for parameter in self.parameters:
+            self.values[parameter.name] = self._checked(parameter.name, parameter.default)
+        # r(q, v, a, f, p): the equations with the elements' forces as separate arguments
+        self.residual_with_forces = ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
+        self.second_order = orders(self.residual_with_forces, self.coordinates)
+        check_leading_matrix(self)
+
+    def once(self, key: Any, build: Callable[[], T]) -> T:
+        """Return what ``build()`` made for this key: functions are built once, for all parameter values."""
+        if key not in self._built:
+            self._built[key] = build()
+        return cast("T", self._built[key])
+
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        cs = self.coordinates
+        return ca.vertcat(*cs), ca.vertcat(*(c.dot for c in cs)), ca.vertcat(*(c.ddot for c in cs))
+
+    @classmethod
+    def from_matrices(
+        cls,
+        name: str,
+        mass: ArrayLike | ca.SX,
+        damping: ArrayLike | ca.SX,
+        stiffness: ArrayLike | ca.SX,
+        elements: Mapping[str, tuple[Law, ArrayLike]] | None = None,
+        parameters: Sequence[Parameter] = (),
+        coordinates: Sequence[str] | None = None,
+        description: str = "",
+    ) -> System:
+        """Build a system ``M q'' + D q' + K q + sum_e w_e law_e(w_e . q) = 0`` from matrices.
+
+        Parameters
+        ----------
+        name : str
+        mass, damping, stiffness : array_like or expression of the parameters, shape (n, n)
+        elements : mapping from name to (law, w)
+            Each law acts along the direction w, shape (n,).
+        parameters : sequence of Parameter
+            The parameters that the matrices and laws contain.
+        coordinates : sequence of str
+            Names; q1, q2, ... where left out.
+        description : str
+
+        Raises
+        ------
+        ModelError
+            When a shape does not fit.
+        """
+        M, D, K = (ca.SX(_as_matrix(m)) for m in (mass, damping, stiffness))
+        n = M.shape[0]
+        for label, matrix in (("mass", M), ("damping", D), ("stiffness", K)):
+            if matrix.shape != (n, n):
+                raise ModelError(
+                    f"system {name!r}: the {label} matrix has shape {matrix.shape}; "
+                    f"all three must be square and of the size of the mass matrix, ({n}, {n})."
+                )
+        names = list(coordinates) if coordinates is not None else [f"q{i + 1}" for i in range(n)]
+        if len(names) != n:
+            raise ModelError(f"system {name!r}: got {len(names)} coordinate names for {n} coordinates.")
+        cs = [Coordinate(c) for c in names]
+        q, v, a = ca.vertcat(*cs), ca.vertcat(*(c.dot for c in cs)), ca.vertcat(*(c.ddot for c in cs))
+        r = M @ a + D @ v + K @ q
+        attached = []
+        for label, (law, direction) in (elements or {}).items():
+            w = np.asarray(direction, dtype=float)
+            if w.shape != (n,):
+                raise ModelError(f"element {label!r}: its direction has shape {w.shape}; it must be ({n},).")
+            attached.append(Element(label, law, ca.dot(w, q)))
+            r = r + ca.DM(w) * attached[-1]
+        return cls(name, cs, parameters, ca.vertsplit(r), attached, description)
+
+    # --- values of the parameters -------------------------------------------------------------
+
+    def _checked(self, name: str, value: float) -> float:
+        if name not in self.parameter_names:
+            raise ModelError(f"system {self.name!r}: {unknown_name('parameter', name, self.parameter_names)}")
+        parameter = self.parameter(name)
+        low, high = parameter.bounds
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise ModelError(f"parameter {name!r}: got {value!r}; give a number in {parameter.unit or '1'}.") from None
+        if not np.isfinite(number) or not low <= number <= high:
+            raise ModelError(
+                f"parameter {name!r} ({parameter.description or 'no description'}): got {number:g} {parameter.unit}; "
+                f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()
+                + "."
+            )
+        return number
+
+    def parameter(self, name: str) -> Parameter:
+        """Return the parameter of that name."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise ModelError(f"system {self.name!r}: {unknown_name('parameter', name, self.parameter_names)}")
+
+    def index(self, coordinate: str) -> int:
+        """Return the place of a coordinate, by its name."""
+        if coordinate not in self.coordinate_names:
+            raise ModelError(f"system {self.name!r}: {unknown_name('coordinate', coordinate, self.coordinate_names)}")
+        return self.coordinate_names.index(coordinate)
+
+    def with_parameters(self, **values: float) -> System:
+        """Return the same system with other parameter values.
+
+        Raises
+        ------
+        ModelError
+            For an unknown name, a value that is not finite or outside the parameter's bounds.
+        """
+        other = object.__new__(type(self))  # shares the functions built, which a pickled copy would not
+        other.__dict__.update(self.__dict__)
+        other.values = self.values | {name: self._checked(name, value) for name, value in values.items()}
+        return other
+
+    def vector(self, **values: float) -> Array:
+        """Return all parameter values as a vector, shape (number of parameters,), with overrides."""
+        merged = self.with_parameters(**values).values if values else self.values
+        return np.array([merged[name] for name in self.parameter_names])
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the coordinates, in order."""
+        return tuple(c.name for c in self.coordinates)
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    # --- what symbolic analysis finds ---------------------------------------------------------
+
+    @property
+    def residual(self) -> ca.Function:
+        """Function (q, v, a, p) -> r, shape (n,): the equations of motion."""
+        return self.once("residual", lambda: full_residual(self))
+
+    @property
+    def ode(self) -> ca.Function:
+        """Function (x, p) -> dx/dt of the state x = (all q, velocities of the second-order coordinates)."""
+        return self.once("ode", lambda: first_order_form(self))
+
+    @property
+    def ode_jacobian(self) -> ca.Function:
+        """Function (x, p) -> A, shape (n_states, n_states): derivative of `ode` with respect to the state."""
+        return self.once("A", lambda: state_matrix(self))
+
+    @property
+    def n_states(self) -> int:
+        """Number of states of the first-order form."""
+        return self.n + sum(self.second_order)
+
+    @property
+    def linear(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """Mass, damping and stiffness matrices at rest, functions of the parameter vector."""
+        return self.once("linear", lambda: linear_matrices(self.residual))
+
+    def _matrix(self, which: int, values: Mapping[str, float]) -> Array:
+        return np.asarray(self.linear[which](self.vector(**values)).full())
+
+    def mass(self, **values: float) -> Array:
+        """Return the mass matrix d r/d q'' at rest, shape (n, n)."""
+        return self._matrix(0, values)
+
+    def damping(self, **values: float) -> Array:
+        """Return the damping matrix d r/d q' at rest, shape (n, n)."""
+        return self._matrix(1, values)
+
+    def stiffness(self, **values: float) -> Array:
+        """Return the stiffness matrix d r/d q at rest, shape (n, n)."""
+        return self._matrix(2, values)
+
+    def parts(self, contact: bool) -> Parts:
+        """Return the system taken apart into linear matrices, remainder and contact elements."""
+        return self.once(("parts", contact), lambda: split(self, contact))
+
+    @property
+    def nonlinear_coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that enter the equations nonlinearly."""
+        parts = self.parts(contact=True)
+        return tuple(self.coordinate_names[i] for i in parts.nonlinear)
+
+    @property
+    def odd(self) -> bool:
+        """Whether ``r(-q, -v, -a) = -r(q, v, a)`` for all states and parameters.
+
+        Decided by evaluating the identity at random states of many magnitudes and random parameter
+        values: it holds to round-off at all of them or the system is not called odd.
+        """
+        return self.once("odd", lambda: is_odd(self))
+
+    @property
+    def inactive_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that enter no equation."""
+        sparsity = self.residual.jac_sparsity(0, 3)
+        used = set(sparsity.get_col())
+        return tuple(name for i, name in enumerate(self.parameter_names) if i not in used)
+
+    def __repr__(self) -> str:
+        return (
+            f"System({self.name!r}: {self.n} coordinates ({', '.join(self.coordinate_names)}), "
+            f"{len(self.parameters)} parameters, {len(self.elements)} elements)"
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_built": {}}
+
+
+def _as_matrix(m: Any) -> Any:
+    return m if isinstance(m, ca.SX) else np.atleast_2d(np.asarray(m, dtype=float))

@@ -1,0 +1,137 @@
+"""Motions in time while a parameter changes at a constant rate, and where they turn."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.errors import ModelError, positive
+from hbbogie.model.system import System
+from hbbogie.motion.integration import MOST_STEPS, TOO_LARGE, Initial, default_step, initial_state, velocities
+from hbbogie.results import Trajectory
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+BLOCK = 500  # steps in one call of the built function
+
+
+def simulate_ramp(
+    system: System,
+    initial: Initial,
+    duration: float,
+    *,
+    parameter: str,
+    rate: float,
+    step: float | None = None,
+    **parameters: float,
+) -> Trajectory:
+    """Integrate the equations of motion while a parameter changes at a constant rate.
+
+    Parameters
+    ----------
+    system : System
+    initial : mapping, Orbit or Trajectory
+        As in `simulate`; the time begins at 0.
+    duration : float, s
+    parameter : str
+        Its value is value + rate t.
+    rate : float, unit of the parameter per second
+        Negative to fall; with 0 the motion is that of `simulate`.
+    step : float, s
+        Of the classical Runge-Kutta method, shortened so that the duration is a whole number of steps. The parameter
+        has its own value at every stage of a step (eq-drift). As by `simulate` where left out.
+    **parameters : float
+        Parameter values, by name; that of the changing one is the value at t = 0.
+
+    Returns
+    -------
+    Trajectory
+        Its parameters are those at t = 0.
+
+    Raises
+    ------
+    ModelError
+        For wrong names or values, or when the parameter leaves its bounds.
+    ConvergenceError
+        When the motion blows up.
+    """
+    duration = positive("duration", duration, "s")
+    step = default_step(system, system.vector(**parameters)) if step is None else positive("step", step, "s")
+    system = system.with_parameters(**parameters)
+    place = system.parameter_names.index(system.parameter(parameter).name)
+    system.with_parameters(**{parameter: system.values[parameter] + rate * duration})  # within its bounds
+    count = max(1, int(np.ceil(duration / step * (1 - 1e-12))))
+    if count > MOST_STEPS:
+        raise ModelError(f"{duration:g} s with step {step:g} s make {count:.3g} samples; allowed are {MOST_STEPS:.0e}.")
+    h, p = duration / count, system.vector()
+    run = system.once(("ramp", place), lambda: _runge_kutta(system, place))
+    states = np.empty((count + 1, system.n_states))
+    states[0] = initial_state(system, initial)[1]
+    values = p[place] + rate * h * np.arange(count + BLOCK)
+    for k in range(0, count, BLOCK):
+        block = run(states[k], values[k : k + BLOCK][None], p, h, rate).full().T[: count - k]
+        good = (np.abs(block) < TOO_LARGE).all(axis=1)
+        if not good.all():
+            t = h * (k + 1 + int(np.argmin(good)))
+            raise ConvergenceError(
+                f"system {system.name!r}: the motion blew up at t = {t:g} s, {parameter} = {p[place] + rate * t:g}; "
+                "try a smaller step; if that blows up too, the motion itself grows without bound.",
+                statistics={"time": t, "step": h},
+            )
+        states[k + 1 : k + 1 + len(block)] = block
+    P = np.repeat(p[:, None], count + 1, axis=1)
+    P[place] = values[: count + 1]
+    return Trajectory(
+        system.name,
+        system.coordinate_names,
+        tuple(c.unit for c in system.coordinates),
+        np.asarray(h * np.arange(count + 1), dtype=float),
+        states[:, : system.n].copy(),
+        velocities(system, states, P),
+        dict(system.values),
+        f"rk4, step {h:g} s, {parameter} changing by {rate:g} per second",
+    )
+
+
+def _runge_kutta(system: System, place: int) -> ca.Function:
+    """Return (x, values, p, h, rate) -> states after 1 ... BLOCK steps that begin at these values of a parameter."""
+    x, p = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
+    value, h, rate = (ca.SX.sym(name) for name in ("value", "h", "rate"))
+
+    def f(x: ca.SX, share: float) -> ca.SX:
+        at = [value + share * h * rate if i == place else p[i] for i in range(len(system.parameters))]
+        return system.ode(x, ca.vertcat(*at))
+
+    k1 = f(x, 0)  # eq-drift
+    k2 = f(x + h / 2 * k1, 0.5)
+    k3 = f(x + h / 2 * k2, 0.5)
+    k4 = f(x + h * k3, 1)
+    step = ca.Function("step", [x, value, p, h, rate], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+    return step.mapaccum("ramp", BLOCK)
+
+
+def turning_points(motion: Trajectory, name: str, rest: float = 0.0) -> tuple[Array, Array]:
+    """Return when a coordinate turns, and how far from rest.
+
+    Parameters
+    ----------
+    motion : Trajectory
+    name : str
+        The coordinate.
+    rest : float, unit of the coordinate
+        Its value at the equilibrium.
+
+    Returns
+    -------
+    times, peaks : ndarray, shape (k,), s and unit of the coordinate
+        The larger of every two successive turning points, one of each side, and the time half-way between them.
+    """
+    i = motion.index(name)
+    v = motion.v[:, i]
+    k = np.flatnonzero(v[:-1] * v[1:] < 0)
+    t = motion.t[k] + (motion.t[k + 1] - motion.t[k]) * v[k] / (v[k] - v[k + 1])
+    if len(t) < 2:
+        return np.empty(0), np.empty(0)
+    size = np.abs(motion.at(t)[0][:, i] - rest)
+    return 0.5 * (t[:-1] + t[1:]), np.maximum(size[:-1], size[1:])

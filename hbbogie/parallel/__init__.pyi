@@ -1,0 +1,2 @@
+from .processes import interruptions as interruptions
+from .processes import starting as starting

@@ -1,0 +1,132 @@
+"""Tables of results: plain rows with headers and formats, to be printed, saved or handed on as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hbbogie.errors import ModelError
+from hbbogie.reports.table import Table
+from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.units import label
+
+
+def largest_multiplier(orbit: Orbit) -> float | None:
+    """Return the modulus of the largest multiplier of a cycle but the trivial one; None where unknown."""
+    if orbit.stability is None:
+        return None
+    mu = np.asarray(orbit.stability.multipliers)
+    if orbit.H and len(mu):
+        mu = np.delete(mu, np.argmin(np.abs(mu - 1)))
+    return float(np.abs(mu).max()) if len(mu) and np.isfinite(mu).all() else None
+
+
+def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cycles") -> Table:
+    """Return the table of cycles: frequency, period, peak and first harmonic of every coordinate, stability.
+
+    Parameters
+    ----------
+    orbits : sequence of Orbit
+        Of one system, at least one.
+    title, name : str
+    """
+    if not orbits:
+        raise ModelError("no cycles: a table of cycles needs at least one orbit.")
+    named = list(zip(orbits[0].coordinates, orbits[0].units, strict=True))
+    columns = ["cycle", "omega [rad/s]", "frequency [Hz]", "period [s]"]
+    columns += [f"peak {label(c, u)}" for c, u in named] + [f"first harmonic {label(c, u)}" for c, u in named]
+    rows = []
+    for i, o in enumerate(orbits):
+        sizes = [*(o.amplitude(c) for c, _ in named), *(o.first_harmonic(c) for c, _ in named)]
+        verdict = o.stability.verdict if o.stability else None
+        error = o.errors["waveform"] if o.errors else None
+        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, largest_multiplier(o), o.H, error))
+    reasons = [
+        f"Cycle {i + 1}: {o.stability.reason}"
+        for i, o in enumerate(orbits)
+        if o.stability and o.stability.verdict == "unknown"
+    ]
+    formats = ("d", *[".7g"] * (len(columns) - 1), "", ".6g", "d", ".1e")
+    columns += ["stability", "largest multiplier [1]", "highest harmonic", "waveform error [1]"]
+    return Table(name, title, tuple(columns), tuple(rows), formats, tuple(reasons))
+
+
+def special_table(
+    points: Sequence[SpecialPoint], parameter: str, unit: str, coordinate: str, title: str = "Special points"
+) -> Table:
+    """Return the table of special points: kind, place, frequency, peak of a coordinate (not at Hopf points).
+
+    Parameters
+    ----------
+    points : sequence of SpecialPoint
+    parameter, unit : str
+        Name and unit of the parameter in which they were found.
+    coordinate : str
+    title : str
+    """
+    units = {c: u for s in points for c, u in zip(s.orbit.coordinates, s.orbit.units, strict=True)}
+    peak_header = f"peak {label(coordinate, units.get(coordinate, ''))}"
+    columns = ("kind", label(parameter, unit), "omega [rad/s]", "frequency [Hz]", peak_header)
+    rows, notes = [], []
+    for s in points:
+        # the orbit kept at a Hopf point shows the mode, not an amplitude
+        peak = None if s.kind == "hopf" else s.orbit.amplitude(coordinate)
+        rows.append((s.kind, s.value, s.omega, s.orbit.frequency, peak))
+        notes.append(f"{s.kind} at {parameter} = {s.value:.8g}: {s.status}.")
+    return Table("special_points", title, columns, tuple(rows), ("", ".8g", *[".7g"] * 3), tuple(notes))
+
+
+def branches_table(branches: Mapping[str, Branch], unit: str, coordinate: str) -> Table:
+    """Return the table of branches: points, range of the parameter, largest peak, folds, verdicts.
+
+    Parameters
+    ----------
+    branches : mapping from name to Branch
+        All over one parameter, at least one.
+    unit : str
+        Unit of the parameter.
+    coordinate : str
+    """
+    if not branches:
+        raise ModelError("no branches: a table of branches needs at least one.")
+    first = next(iter(branches.values()))
+    p, q = first.parameter, label(coordinate, first.orbits[0].units[first.orbits[0].index(coordinate)])
+    verdicts = ("stable", "unstable", "unknown")
+    ends = f"smallest {label(p, unit)}", f"largest {label(p, unit)}"
+    columns = ("branch", "points", *ends, f"largest peak {q}", "folds", *verdicts)
+    rows, notes = [], []
+    for name, b in branches.items():
+        counts = [b.verdicts.count(verdict) for verdict in verdicts]
+        low, high, peak = (float(x) for x in (b.values.min(), b.values.max(), b.amplitude(coordinate).max()))
+        rows.append((name, len(b), low, high, peak, len(b.folds()), *counts))
+        notes += [f"{name}: first point: {b.ends[0]}; last point: {b.ends[1]}."]
+    formats = ("", "d", ".6g", ".6g", ".6g", *["d"] * 4)
+    return Table("branches", "Branches", columns, tuple(rows), formats, tuple(notes))
+
+
+def family_value(family: Branch) -> float:
+    """Return the parameter value of a family of cycles, free of round-off about zero."""
+    value = float(np.median(family.values))
+    return 0.0 if abs(value) < 1e-12 else value
+
+
+def backbone_table(name: str, family: Branch, coordinate: str, count: int = 20) -> Table:
+    """Return the table of a family of cycles of every amplitude: frequency over amplitude.
+
+    Parameters
+    ----------
+    name : str
+    family : Branch
+    coordinate : str
+    count : int
+        Largest number of rows.
+    """
+    places = np.unique(np.linspace(0, len(family) - 1, count).round().astype(int))
+    some = [family.orbits[i] for i in places]
+    q = label(coordinate, some[0].units[some[0].index(coordinate)])
+    columns = (f"peak {q}", f"first harmonic {q}", "omega [rad/s]", "frequency [Hz]", "period [s]")
+    rows = [(o.amplitude(coordinate), o.first_harmonic(coordinate), o.omega, o.frequency, o.period) for o in some]
+    title = f"Family of cycles at {family.parameter} = {family_value(family):.6g}: frequency over amplitude"
+    note = f"First: {family.ends[0]}; last: {family.ends[1]}."
+    return Table(name, title, columns, tuple(rows), (".6g",) * 5, (note,))

@@ -1,0 +1,348 @@
+"""A design as tables, figures and sentences, with the checks that the optimum has to pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.branches.continuation import trace
+from hbbogie.design.criteria import CriticalValue, Expression
+from hbbogie.design.optimisation import Design, optimise
+from hbbogie.design.point import DesignPoint, stable_cycle
+from hbbogie.design.robust import MonteCarlo, RobustValue, Uncertainty, monte_carlo, predicted, predicted_below, spreads
+from hbbogie.design.single_program import single_level
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.errors import ModelError
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.problem import default_interval
+from hbbogie.model.system import System
+from hbbogie.motion.settling import settle
+from hbbogie.progress import Progress, silent
+from hbbogie.reports.report import Report
+from hbbogie.reports.table import Table
+from hbbogie.results import Branch
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.units import label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+OFF = 0.01  # share below and above the critical value at which motions are integrated
+FASTER = 0.1  # share above it where the cycle lives from which these motions start
+LEAST = 0.1  # of the range: the shares are of the critical value, but of no less than this
+FINER = 31  # highest harmonic of the independent tracing
+
+
+def design_of(
+    module: ModuleType,
+    system: System,
+    progress: Progress = silent,
+    *,
+    starts: int = 1,
+    seed: int = 0,
+    samples: int = 40,
+    robust: float | None = None,
+) -> Report:
+    """Optimise the design of a problem and check it.
+
+    Parameters
+    ----------
+    module : module
+        As returned by `load_problem`; its ``design(system)`` returns keywords of `optimise`, its PARAMETER and RANGE
+        hold where these say nothing, UNCERTAIN (an `Uncertainty`) and SERVICE (a value of the parameter) are optional.
+    system : System
+    progress : callable
+        Called with (message, fraction done or None).
+    starts, seed : int
+        As of `optimise`.
+    samples : int
+        Random designs before and after, for the check of the moments; none where 0.
+    robust : float, optional
+        Raise the mean minus so many standard deviations instead of the value of the design itself.
+
+    Raises
+    ------
+    ModelError
+        When the module has no function ``design``, or is to be robust without UNCERTAIN.
+    """
+    where = f"problem {getattr(module, '__file__', None) or module.__name__!r}"
+    if not callable(getattr(module, "design", None)):
+        raise ModelError(f"{where} has no design; write a function design(system) that returns keywords of optimise.")
+    name, interval = default_interval(module, system)
+    task: dict[str, Any] = {
+        "raise_": name,
+        "interval": interval,
+        "starts": starts,
+        "seed": seed,
+        **module.design(system),
+    }
+    uncertain: Uncertainty | None = getattr(module, "UNCERTAIN", None)
+    unit = system.parameter(task["raise_"]).unit
+    if robust is not None:
+        if uncertain is None:
+            raise ModelError(
+                f"{where} has no UNCERTAIN, an Uncertainty of its parameters, which a robust design needs."
+            )
+        task["maximise"] = RobustValue(uncertain, robust, unit)
+    design = optimise(system, progress=progress, **task)
+    tables = [parameter_table(design), critical_table(design), limit_table(design), active_table(design)]
+    branches = {k: _branch(p, progress, k) for k, p in (("before", design.before), ("after", design.after))}
+    tables.append(check_table(design, task, progress))
+    notes = _sentences(design, unit)
+    figures: dict[str, Callable[[], Figure]] = {"bifurcation": partial(_bifurcation, branches, design)}
+    if design.active:
+        figures["gains"] = partial(_gains, design)
+    data = {"value_before": design.value_before, "value": design.value, "parameters": design.parameters}
+    data |= {"residual": design.residual, "converged": design.converged, "weights": design.weights}
+    if len(design.starts) > 1:
+        tables.append(start_table(design))
+    if uncertain is not None and samples:
+        service = getattr(module, "SERVICE", None)
+        drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in _both(design)}
+        tables.append(robust_table(design, uncertain, drawn, service))
+        smooth = {k: predicted(spreads(p, uncertain)) for k, p in _both(design)}
+        figures["scatter"] = partial(_scatter, drawn, smooth, service, label(f"critical {name}", unit))
+    saved = {k: b for k, b in branches.items() if b is not None}
+    return Report(f"{system.name}: design for a higher critical {name}", tuple(tables), saved, figures, notes, data)
+
+
+def _both(design: Design) -> tuple[tuple[str, DesignPoint], ...]:
+    return ("before", design.before), ("after", design.after)
+
+
+def _sentences(design: Design, unit: str) -> tuple[str, ...]:
+    before, after = design.before.value, design.after.value
+    gain = f"The critical value of {design.before.parameter} goes from {before:.6g} to {after:.6g} {unit}".rstrip()
+    more = f"{100 * (after / before - 1):.3g} %" if min(before, after) > 0 else f"{after - before:.4g} {unit}".rstrip()
+    first = f"{gain}, by {more}."
+    low = [f"{n} ({w:.3g})" for n, w in design.weights.items()]
+    other = design.objective.name, design.objective.unit
+    ends = f"{design.value_before:.6g} to {design.value:.6g} {other[1]}".rstrip()
+    return (
+        first,
+        *([f"What was asked for, {other[0]}, goes from {ends}."] if other[0] != CriticalValue.name else []),
+        f"The search {design.status}; largest entry of the scaled gradient of the Lagrangian {design.residual:.1e}; "
+        f"{'all limits are kept' if design.feasible else 'NOT all limits are kept'}.",
+        f"What is raised, with its weight in the optimum: {', '.join(low)}.",
+    )
+
+
+# --- tables -----------------------------------------------------------------------------------
+
+
+def parameter_table(design: Design) -> Table:
+    """Return the parameters before and after."""
+    system, rows = design.before.system, []
+    for name, (low, high) in design.over.items():
+        old, new = system.values[name], design.parameters[name]
+        at = "lower bound" if new <= low else "upper bound" if new >= high else ""
+        what = system.parameter(name)
+        rows.append(
+            (name, what.description, what.unit, old, new, 100 * (new / old - 1) if old else None, low, high, at)
+        )
+    columns = ("parameter", "what it is", "unit", "before", "after", "change [%]", "lower bound", "upper bound", "at")
+    formats = ("", "", "", ".5g", ".5g", "+.1f", ".5g", ".5g", "")
+    return Table("design", "Parameters before and after", columns, tuple(rows), formats)
+
+
+def critical_table(design: Design) -> Table:
+    """Return the critical values before and after."""
+    unit = design.before.system.parameter(design.before.parameter).unit
+    rows = [
+        (when, "Hopf point" if c.kind == "hopf" else c.kind, c.value, c.omega, c.orbit.frequency)
+        for when, point in _both(design)
+        for c in point.critical
+    ]
+    columns = ("design", "kind", label(design.before.parameter, unit), "omega [rad/s]", "frequency [Hz]")
+    return Table("critical", "Critical values before and after", columns, tuple(rows), ("", "", ".7g", ".6g", ".6g"))
+
+
+def limit_table(design: Design) -> Table:
+    """Return every limit with its values before and after."""
+
+    def shown(x: float) -> float | None:
+        return float(x) if np.isfinite(x) else None
+
+    rows = [(name, unit or "1", *map(shown, rest)) for name, unit, *rest in design.limits]
+    columns = ("limit", "unit", "at least", "at most", "before", "after")
+    return Table("limits", "Limits", columns, tuple(rows), ("", "", ".5g", ".5g", ".5g", ".5g"))
+
+
+def active_table(design: Design) -> Table:
+    """Return what holds the optimum, and what each of it costs."""
+    rows = [
+        (a.name, f"{a.side} {a.kind}", a.limit, a.unit or "1", a.multiplier, a.per_percent)
+        for a in sorted(design.active, key=lambda a: -a.per_percent)
+    ]
+    unit = design.objective.unit or "1"
+    columns = ("what", "kind", "value", "unit", f"multiplier [{unit} per unit]", f"gain for 1 % [{unit}]")
+    note = "Multiplier: what is gained per unit by which a limit is relaxed, at the optimum; all others cost nothing."
+    return Table("active", "Active limits and bounds", columns, tuple(rows), ("", "", ".5g", "", ".4g", ".4f"), (note,))
+
+
+def start_table(design: Design) -> Table:
+    """Return the starts of the search and where each ended."""
+    rows = [
+        (k + 1, *s.parameters.values(), None if np.isnan(s.value) else s.value, "yes" if s.feasible else "no", s.status)
+        for k, s in enumerate(design.starts)
+    ]
+    columns = ("start", *design.over, design.objective.name, "limits kept", "how it ended")
+    formats = ("d", *[".4g"] * len(design.over), ".7g", "", "")
+    return Table("starts", "Starts", columns, tuple(rows), formats)
+
+
+def robust_table(design: Design, uncertain: Uncertainty, drawn: dict[str, MonteCarlo], service: float | None) -> Table:
+    """Return moments of the critical values before and after, predicted and by Monte Carlo."""
+    unit = design.before.system.parameter(design.before.parameter).unit
+    rows: list[tuple[Any, ...]] = []
+    for when, point in _both(design):
+        found = spreads(point, uncertain)
+        low = min(found, key=lambda s: s.first_order[0])
+        below = predicted_below(found, service) if service is not None else (None, None)
+        rows.append((when, f"first order, {low.name}", *low.first_order, below[0], None, None))
+        rows.append((when, f"second order, {low.name}", *low.second_order, below[1], None, None))
+        known = drawn[when].known
+        if len(known) > 1:
+            same = np.min([s.predict(drawn[when].factors[~np.isnan(drawn[when].values)]) for s in found], axis=0)
+            under = float((same < service).mean()) if service is not None else None
+            rows.append(
+                (when, "second order, random designs", float(same.mean()), float(same.std(ddof=1)), under, None, None)
+            )
+            share = drawn[when].probability_below(service) if service is not None else (None,) * 3
+            text = f"Monte Carlo, {len(known)} designs"
+            rows.append((when, text, float(known.mean()), float(known.std(ddof=1)), *share))
+    at = f"probability below {service:g} {unit}".rstrip() if service is not None else "probability"
+    columns = ("design", "method", label("mean", unit), label("deviation", unit), at)
+    failed = sum(m.failed for m in drawn.values())
+    notes = (
+        "The probability of the second order is that of the smallest of all quadratic approximations. From, to: the "
+        "95 % interval of Clopper and Pearson.",
+        *([f"{failed} of the random designs have no value, and are left out."] if failed else []),
+    )
+    formats = ("", "", ".5g", ".4g", ".4f", ".4f", ".4f")
+    return Table("robust", "Under uncertainty", (*columns, "from", "to"), tuple(rows), formats, notes)
+
+
+# --- checks -----------------------------------------------------------------------------------
+
+
+def check_table(design: Design, task: dict[str, Any], progress: Progress) -> Table:
+    """Return the checks of the optimum: tracing with more harmonics, one nonlinear program, integration in time."""
+    point, unit = design.after, design.before.system.parameter(design.before.parameter).unit
+    rows: list[tuple[str, str, float | None]] = []
+    progress(f"tracing with harmonics up to {FINER}", None)
+    finer = _smallest_traced(point)
+    rows.append((f"traced anew, harmonics to {FINER}", "smallest Hopf point or fold", finer))
+    others = {a.name for a in design.active if a.kind == "limit"}
+    mine = [limit for limit in task.get("subject_to", ()) if isinstance(limit.quantity, Expression)]
+    if "maximise" not in task and "minimise" not in task and others <= {limit.quantity.name for limit in mine}:
+        progress("one nonlinear program", None)
+        one = single_level(design.before, design.over, mine)
+        rows.append(("one nonlinear program", one.status, one.value))
+    for share in (-OFF, OFF):
+        value = _aside(point, share)
+        progress(f"integrating at {point.parameter} = {value:.5g}", None)
+        text = f"motion {abs(value - point.value):.3g} {unit}".rstrip() + (" above" if share > 0 else " below")
+        rows.append((text, _settled(point, value), value))
+    columns = ("check", "result", label(point.parameter, unit))
+    title = f"Checks of the optimum, {point.parameter} = {point.value:.8g} {unit}".rstrip()
+    notes = (
+        f"The motions start on the cycle at {_aside(point, FASTER):.5g} {unit}".rstrip()
+        + ". The nonlinear program knows the limits on "
+        "parameters only, and is left out where others hold the optimum.",
+    )
+    return Table("checks", title, columns, tuple(rows), ("", "", ".8g"), notes)
+
+
+def _smallest_traced(point: DesignPoint) -> float:
+    """Return the smallest Hopf point or fold of branches traced with more harmonics, without any guess."""
+    equations = HarmonicBalance(FINER).equations(point.system)
+    values = [point.interval[1]]
+    for hopf in hopf_points(point.system, point.parameter, point.interval):
+        values.append(hopf.value)
+        try:
+            branch = trace(equations, hopf, point.parameter, point.interval, families=False, stability=False)
+        except ConvergenceError:
+            continue
+        values += [f.value for f in branch.folds()]
+    return float(min(values))
+
+
+def _aside(point: DesignPoint, share: float) -> float:
+    """Return the value a share beyond the smallest critical value, which may lie near 0."""
+    low, high = point.interval
+    return point.value + share * max(abs(point.value), LEAST * (high - low))
+
+
+def _settled(point: DesignPoint, value: float) -> str:
+    try:
+        start = stable_cycle(point, "check", _aside(point, FASTER))
+        if start is None:
+            return "there is no cycle to start from"
+        at: dict[str, Any] = {point.parameter: value}
+        settled = settle(point.system, start, **at)
+    except ConvergenceError as error:
+        return f"not decided: {error}"
+    if settled.kind != "cycle":
+        return {"rest": "dies out", "undecided": "undecided"}[settled.kind]
+    name = point.system.coordinate_names[0]
+    return f"settles on a cycle, peak of {name} {settled.amplitudes[name]:.4g}, omega {settled.omega:.5g} rad/s"
+
+
+def _branch(point: DesignPoint, progress: Progress, when: str) -> Branch | None:
+    """Return the branch from the first Hopf point that leads to one, judged; None where there is none."""
+    progress(f"branch {when}", None)
+    for hopf in hopf_points(point.system, point.parameter, point.interval):
+        try:
+            return trace(point.equations, hopf, point.parameter, point.interval, longest=0.15, families=False)
+        except ConvergenceError:
+            continue
+    return None
+
+
+# --- figures ----------------------------------------------------------------------------------
+
+
+def _bifurcation(branches: dict[str, Branch | None], design: Design) -> Figure:
+    """Draw the branches before and after, over the whole range and about their folds."""
+    from hbbogie import plot
+
+    shown = {k: b for k, b in branches.items() if b is not None}
+    figure, ((whole, close),) = plot.panels(1, 2)
+    parameter = design.before.system.parameter(design.before.parameter)
+    across = label(f"{parameter.description} {parameter.name}".strip(), parameter.unit)
+    for ax in (whole, close):
+        plot.branch(list(shown.values()), ax=ax, labels=list(shown), parameter_label=across)
+    low, high = (p.value for _, p in _both(design))
+    margin = 0.06 * (design.before.interval[1] - design.before.interval[0])
+    close.set_xlim(min(low, high) - margin, max(low, high) + margin)
+    name = design.before.system.coordinate_names[0]
+    peaks = [b.amplitude(name)[b.values <= max(low, high) + margin] for b in shown.values()]
+    seen = np.concatenate([*peaks, np.empty(0)])
+    if len(seen) and close.dataLim.y1 > 0:  # the axis may show the unit with a prefix
+        unit = close.dataLim.y1 / max(b.amplitude(name).max() for b in shown.values())
+        close.set_ylim(0.95 * unit * seen.min(), 1.03 * unit * seen.max())
+    close.set_title("about the critical values", fontsize=11)
+    whole.set_title("the whole range", fontsize=11)
+    return plot.one_legend(figure)
+
+
+def _gains(design: Design) -> Figure:
+    from hbbogie import plot
+
+    names = [f"{a.name}, {a.side} {a.kind}" for a in design.active]
+    values = [a.per_percent for a in design.active]
+    return plot.figure_of(plot.gains(names, values, unit=design.objective.unit))
+
+
+def _scatter(drawn: dict[str, MonteCarlo], smooth: dict[str, Array], service: float | None, across: str) -> Figure:
+    from hbbogie import plot
+
+    samples = {k: m.values for k, m in drawn.items()}
+    return plot.figure_of(plot.scatter(samples, predictions=smooth, service=service, parameter_label=across))

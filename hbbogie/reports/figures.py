@@ -1,0 +1,121 @@
+"""The figures of a report: functions that draw when they are called, and import matplotlib only then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hbbogie.branches.diagram import Curves
+from hbbogie.errors import ModelError
+from hbbogie.model.system import System
+from hbbogie.results import Branch, Orbit
+from hbbogie.units import label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Figures = dict[str, "Callable[[], Figure]"]
+
+
+def linear(family: Branch) -> bool:
+    """Tell whether all cycles of a family have one frequency."""
+    return bool(np.ptp(family.omega) <= 1e-9 * family.omega.max())
+
+
+def curve_figures(system: System, found: Curves) -> Figures:
+    """Return the figures of curves of cycles over a parameter, and of families."""
+    parameter = system.parameter(found.parameter)
+    across = label(f"{parameter.description} {parameter.name}".strip(), parameter.unit)
+    many, q = list(found.branches.values()), system.coordinate_names[0]
+    figures: Figures = {}
+    if many:
+        about: dict[str, Any] = {"parameter_label": across, "special": found.hopf}
+        figures["amplitude"] = partial(draw, "branch", many, y=q, **about)
+        figures["frequency"] = partial(draw, "frequency", many, **about)
+    for name, b in found.branches.items():
+        if any(o.stability for o in b.orbits):
+            figures[f"{name}_multipliers"] = partial(draw, "multipliers_along", b, parameter_label=across)
+    for name, family in found.families.items():
+        if linear(family):
+            continue
+        figures[f"{name}_backbone"] = partial(draw_backbone, family, q)
+        some = [family.orbits[i] for i in np.linspace(0, len(family) - 1, 6).round().astype(int)[1:]]
+        peaks = [f"peak {o.amplitude(q):.3g}" for o in some]
+        figures[f"{name}_phase_portrait"] = partial(draw, "orbit", some, labels=peaks)
+    return figures
+
+
+def cycle_figures(cycles: list[Orbit], system: System) -> Figures:
+    """Return the figures of cycles at one value: phase portrait, waveform, spectrum, multipliers."""
+    largest, q = cycles[-1], system.coordinate_names[0]
+    figures: Figures = {
+        "phase_portrait": partial(draw, "orbit", cycles),
+        "waveform": partial(draw, "waveform", largest),
+        "spectrum": partial(draw, "spectrum", cycles, q),
+    }
+    if largest.stability is not None and len(largest.stability.multipliers):
+        figures["multipliers"] = partial(draw, "multipliers", largest)
+    return figures
+
+
+def draw_backbone(family: Branch, coordinate: str) -> Figure:
+    """Draw the peak of a coordinate over the frequency of a family of cycles."""
+    from hbbogie import plot
+
+    dressed = [o.replace(parameters={**o.parameters, "omega": o.omega}) for o in family.orbits]
+    curve = Branch(tuple(dressed), "omega", (), family.ends)
+    ax = plot.branch(curve, y=coordinate, parameter_label="frequency omega [rad/s]")
+    for line in ax.lines:  # neutral all along: there are no verdicts to tell apart
+        line.set_linestyle("-")
+    legend = ax.get_legend()
+    if legend is not None:
+        legend.remove()
+    return ax.figure.figure
+
+
+def load_saved(path: Path) -> Branch:
+    """Return a branch from a file, or a saved cycle as a branch of one point.
+
+    Raises
+    ------
+    ModelError
+        When the file is not there or holds neither.
+    """
+    try:
+        return Branch.load(path)
+    except ModelError as no_branch:
+        try:
+            return Branch((Orbit.load(path),), "")
+        except ModelError:
+            raise no_branch from None
+
+
+def plot_branch(saved: Branch, path: Path, coordinate: str | None = None, quantity: str = "peak") -> Path:
+    """Draw a branch over its parameter, or a single cycle as a phase portrait, into a file.
+
+    Parameters
+    ----------
+    saved : Branch
+    path : Path
+        Of the figure.
+    coordinate : str, optional
+        The first one where left out.
+    quantity : {"peak", "first harmonic"}
+    """
+    from hbbogie import plot
+
+    if len(saved) == 1:
+        return plot.save(draw("orbit", saved.orbits[0], x=coordinate), path)
+    return plot.save(draw("branch", saved, y=coordinate, quantity=quantity), path)
+
+
+def draw(name: str, *args: Any, **kwargs: Any) -> Figure:
+    """Return the figure drawn by a function of `hbbogie.plot`; matplotlib is imported only now."""
+    from hbbogie import plot
+
+    figure: Figure = getattr(plot, name)(*args, **kwargs).figure.figure
+    return figure

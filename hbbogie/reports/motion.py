@@ -1,0 +1,94 @@
+"""The job of simulating a motion: time history, figure, and what the motion settles on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.system import System
+from hbbogie.motion.integration import simulate
+from hbbogie.motion.settling import Settled, settle
+from hbbogie.progress import Progress, silent
+from hbbogie.reports.figures import Figures, draw
+from hbbogie.reports.report import Report
+from hbbogie.reports.table import Table
+from hbbogie.results import Trajectory
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.units import label
+
+START = 4.0  # in units of the amplitude scale
+LONGEST = 200.0  # s that a motion is followed beyond its end to see where it settles
+
+
+def default_start(system: System) -> dict[str, float]:
+    """Return a start from which most cycles are reached: the first nonlinear coordinate far out, at rest."""
+    name = (system.nonlinear_coordinates or system.coordinate_names)[0]
+    return {name: START * float(HarmonicBalance(1).equations(system).scale[0])}
+
+
+def simulated(
+    system: System,
+    initial: Mapping[str, float],
+    duration: float,
+    *,
+    method: str = "rk4",
+    step: float | None = None,
+    progress: Progress = silent,
+) -> Report:
+    """Integrate a motion and say what it settles on.
+
+    Parameters
+    ----------
+    system : System
+    initial : mapping from name to value, unit of the coordinate (with a prime: per second)
+    duration : float, s
+    method, step
+        As of `hbbogie.integration.simulate`.
+    progress : callable
+        Called with (message, fraction done or None).
+    """
+    progress("integrating", None)
+    motion = simulate(system, initial, duration, method=method, step=step)
+    began = ", ".join(f"{name} = {value:g}" for name, value in initial.items())
+    notes = [f"{system.name}: {duration:g} s from {began} ({motion.method})."]
+    progress("following the motion until it settles", None)
+    settled: Settled | None = None
+    try:
+        settled = settle(system, motion, longest=LONGEST, method=method, step=step)
+        notes.append(f"Followed on from t = {duration:g} s: {settled.status}")
+    except ConvergenceError as error:
+        notes.append(f"Followed on from t = {duration:g} s: {error}")
+    tables = (settled_table(system, settled),) if settled else ()
+    data = {"parameters": dict(system.values), "initial": dict(initial), "duration_s": duration}
+    if settled:
+        data["settled"] = {
+            "kind": settled.kind,
+            "omega_rad_s": settled.omega,
+            "frequency_Hz": settled.omega / (2 * np.pi),
+            "amplitude": settled.amplitudes,
+            "status": settled.status,
+        }
+    figures: Figures = {"time_history": partial(draw, "time_history", motion)}
+    return Report(system.name, tables, {}, figures, tuple(notes), data, (history_table(motion),))
+
+
+def settled_table(system: System, settled: Settled) -> Table:
+    """Return the table of what a motion settled on: peak of every coordinate, and frequency."""
+    title = {"cycle": "Settled on a cycle", "rest": "Settled at rest"}.get(settled.kind, "Not settled")
+    if settled.kind == "cycle":
+        title += f" of {settled.omega:.6g} rad/s ({settled.omega / (2 * np.pi):.6g} Hz)"
+    units = {c.name: c.unit or "1" for c in system.coordinates}
+    rows = tuple((name, peak, units[name]) for name, peak in settled.amplitudes.items())
+    return Table("settled", title, ("coordinate", "peak", "unit"), rows, ("", ".6g", ""))
+
+
+def history_table(motion: Trajectory) -> Table:
+    """Return the time history: time, coordinates and velocities."""
+    pairs = list(zip(motion.coordinates, motion.units, strict=True))
+    rates = [label(f"{c}'", "1/s" if u in ("", "1") else f"{u}/s") for c, u in pairs]
+    columns = ("t [s]", *(label(c, u) for c, u in pairs), *rates)
+    rows = np.column_stack([motion.t, motion.q, motion.v]).tolist()
+    return Table("time_history", "Time history", columns, tuple(map(tuple, rows)), (".7g",) * len(columns))

@@ -1,0 +1,286 @@
+"""What a study found, as tables and figures, in a report or in one HTML file that needs no network."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.reports.figures import draw
+from hbbogie.reports.report import Report
+from hbbogie.reports.table import Table
+from hbbogie.studies.dataset import names_of, replacing
+from hbbogie.studies.statistics import Exceedance, exceedance, independent, prediction, sobol_indices, values_of
+from hbbogie.units import label
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+SHOWN = 20  # failures listed
+MOST = 8  # inputs of parallel coordinates where none are named
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; } h2 { font-size: 1.15rem; margin-top: 2rem; }
+table { border-collapse: collapse; font-size: 0.9rem; display: block; overflow-x: auto; }
+th, td { padding: 0.2rem 0.7rem; border-bottom: 1px solid #ddd; text-align: right; vertical-align: top; }
+th:first-child, td:first-child, td.text { text-align: left; }
+th { border-bottom: 2px solid #777; } img { max-width: 100%; } p.note { color: #666; font-size: 0.9rem; }
+"""
+
+
+def report_of(
+    data: xr.Dataset, title: str, outputs: Sequence[str] = (), figures: Sequence[Mapping[str, Any]] = ()
+) -> Report:
+    """Return tables and figures of a study.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        As returned by `sweep`.
+    title : str
+    outputs : sequence of str
+        To be summarised; all numbers but gradients where empty.
+    figures : sequence of mappings
+        Of each its ``kind`` ("map", "distribution", "sensitivity", "scatter", "parallel", "prediction") and the names
+        it draws, as in a study file.
+
+    Raises
+    ------
+    ModelError
+        When no point is finished.
+    """
+    if data.sizes["point"] == 0:
+        raise ModelError("report: no point of this study is finished.")
+    chosen = [n for n in (outputs or names_of(data, "outputs")) if outputs or not n.startswith("d")]
+    numeric = [n for n in chosen if n in data and data[n].dtype.kind == "f"]
+    tables = [_about(data), _summary(data, numeric)]
+    drawn: dict[str, Callable[[], Figure]] = {}
+    given = names_of(data, "outputs")
+    notes = [f"outputs: {unknown_name('output', n, given)}" for n in outputs if n not in given]
+    for k, figure in enumerate(figures, 1):
+        try:
+            more, draws = _figure(data, dict(figure), k)
+        except Exception as error:  # one figure must not cost the others
+            notes.append(f"Figure {k} ({figure['kind']}): {_reason(error)}")
+            continue
+        tables += more
+        drawn[f"{k}_{figure['kind']}"] = partial(_drawn, draws)
+    if data["failed"].values.any():
+        tables.append(_failures(data))
+    return Report(title, tuple(tables), {}, drawn, tuple(notes), {"attributes": dict(data.attrs)})
+
+
+def _drawn(draws: Callable[[], Figure]) -> Figure:
+    """Return a figure; where it cannot be drawn, one that says so."""
+    from hbbogie.plot.studies import unavailable
+
+    try:
+        return draws()
+    except Exception as error:
+        return unavailable(_reason(error)).figure.figure
+
+
+def _reason(error: Exception) -> str:
+    text = str(error).strip().partition("\n")[0]
+    return text if isinstance(error, ModelError) else f"{type(error).__name__}: {text}"
+
+
+def _about(data: xr.Dataset) -> Table:
+    done, failed = data.sizes["point"], int(data["failed"].values.sum())
+    a, total = data.attrs, int(data.attrs["total"])
+    seconds = data["seconds"].values
+    rows = [
+        ("problem", a["problem"]),
+        ("job", a["job"]),
+        ("options", a["options"]),
+        ("values", a["values"]),
+        (
+            "points",
+            f"{done} of {total} finished, {failed} without an answer ({100 * (1 - failed / done):.2f} % answered)",
+        ),
+        ("sampling", f"{a['sampling']}, seed {a['seed']}" if a["seed"] != "" else a["sampling"]),
+        ("inputs", ", ".join(names_of(data, "inputs"))),
+        ("time per point", f"median {np.nanmedian(seconds):.3g} s, longest {np.nanmax(seconds):.3g} s"),
+        ("versions", ", ".join(f"{n} {v}" for n, v in json.loads(a["versions"]).items())),
+        ("hash", f"problem {a['problem_hash']}, job {a['job_hash']}"),
+        *_changes(data),
+    ]
+    return Table("about", "The study", ("what", "value"), tuple(rows), ("", ""))
+
+
+def _changes(data: xr.Dataset) -> list[tuple[str, str]]:
+    """Return what was changed meanwhile, and how many of the points are older than that."""
+    finished = data["finished"].values
+    found = []
+    for change in json.loads(data.attrs.get("changes", "[]")):
+        older = int((finished < change["accepted"]).sum())
+        found.append(
+            (f"changed {change['accepted']}", f"from {'; '.join(change['what'])}; {older} of the points are older")
+        )
+    return found
+
+
+def _summary(data: xr.Dataset, names: Sequence[str]) -> Table:
+    columns = ("output", "values", "mean", "deviation", "smallest", "5 %", "median", "95 %", "largest")
+    nominal = json.loads(data.attrs["nominal_outputs"])
+    rows = []
+    notes = [
+        "Nominal: at the problem's own values of the inputs. Points without a value, such as a fold, are left out."
+    ]
+    for name in names:
+        v = data[name].values
+        text = label(name, data[name].attrs["units"])
+        if infinite := int(np.isinf(v).sum()):
+            notes.append(f"{name}: {infinite} infinite value{'s' * (infinite != 1)}, left out here.")
+        v = v[np.isfinite(v)]
+        if not len(v):
+            rows.append((text, 0, *[None] * 7, nominal.get(name)))
+            continue
+        quantiles = (float(q) for q in np.quantile(v, (0, 0.05, 0.5, 0.95, 1)))
+        rows.append((text, len(v), float(v.mean()), float(v.std()), *quantiles, nominal.get(name)))
+    formats = ("", "d", *[".6g"] * 8)
+    return Table("summary", "Outputs", (*columns, "nominal"), tuple(rows), formats, tuple(notes))
+
+
+def _failures(data: xr.Dataset) -> Table:
+    places = np.flatnonzero(data["failed"].values)
+    inputs = names_of(data, "inputs")[:6]
+    rows = [(int(data["point"].values[i]), *(float(data[n].values[i]) for n in inputs)) for i in places[:SHOWN]]
+    notes = [f"Point {data['point'].values[i]}: {data['status'].values[i]}" for i in places[:SHOWN]]
+    if len(places) > SHOWN:
+        notes.append(f"{len(places)} in all.")
+    formats = ("d", *[".5g"] * len(inputs))
+    return Table("failures", "Points without an answer", ("point", *inputs), tuple(rows), formats, tuple(notes))
+
+
+def _figure(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list[Table], Callable[[], Figure]]:
+    """Return the tables that belong to a figure, and the function that draws it."""
+    kind = figure["kind"]
+    for key in ("output", "x", "y", "colour"):
+        if key in figure:
+            values_of(data, figure[key])  # raises where there is none of that name
+    if kind == "map":
+        if np.count_nonzero(np.isfinite(values_of(data, figure["output"]))) < 3:
+            raise ModelError(f"fewer than three points have a value of {figure['output']!r}.")
+        return [], partial(draw, "parameter_map", data, figure["x"], figure["y"], figure["output"])
+    if kind == "scatter":
+        return [], partial(draw, "sample_scatter", data, figure["x"], figure["y"], figure.get("colour"))
+    if kind == "parallel":
+        inputs = figure.get("inputs") or _most_correlated(data, figure["output"])
+        return [], partial(draw, "parallel_coordinates", data, inputs, figure["output"])
+    return {"prediction": _predicted, "sensitivity": _sensitivity, "distribution": _distribution}[kind](data, figure, k)
+
+
+def _predicted(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list[Table], Callable[[], Figure]]:
+    p, text = prediction(data, figure["output"]), label(figure["output"], data[figure["output"]].attrs["units"])
+    rows: tuple[tuple[Any, ...], ...] = (
+        ("nominal value", p.nominal),
+        ("root mean square error", p.rms),
+        ("largest error", p.worst),
+        ("share of the variance explained [1]", p.explained),
+    )
+    title = f"Gradient at the nominal point against samples: {text}"
+    table = Table(f"{k}_prediction", title, ("what", "value"), rows, ("", ".5g"))
+    return [table], partial(draw, "prediction", p.sampled, p.predicted, text)
+
+
+def _sensitivity(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list[Table], Callable[[], Figure]]:
+    found = sobol_indices(data, figure["output"])
+    parts = found.first, found.first_error, found.total, found.total_error
+    rows = tuple((n, *map(float, v)) for n, *v in zip(found.names, *parts, strict=True))
+    left_out = f"{found.dropped} left out because a point of theirs has no finite value"
+    note = f"{found.used} base points; {left_out}. Errors: 95 %."
+    columns = ("input", "first order [1]", "+- first", "total [1]", "+- total")
+    title = f"Sobol indices of {figure['output']}"
+    table = Table(f"{k}_sensitivity", title, columns, rows, ("", *[".4f"] * 4), (note,))
+    bars = found.names, found.first, found.total, found.first_error, found.total_error
+    return [table], partial(draw, "sensitivity", *bars)
+
+
+def _distribution(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list[Table], Callable[[], Figure]]:
+    output = figure["output"]
+    values, text = values_of(data, output)[independent(data)], label(output, data[output].attrs["units"])
+    lines = [exceedance(values, t, above) for above in (False, True) for t in _thresholds(figure, above)]
+    rows = tuple(
+        ("above" if e.above else "below", e.threshold, e.probability, e.low, e.high, e.count, e.total) for e in lines
+    )
+    columns = ("side", f"threshold {text}", "probability [1]", "95 % from", "95 % to", "points", "of")
+    formats = ("", ".6g", *[".5f"] * 3, "d", "d")
+    tables = [Table(f"{k}_exceedance", f"Probabilities: {text}", columns, rows, formats)] if rows else []
+    return tables, partial(
+        draw, "distribution", data.isel(point=independent(data)), output, [(e.threshold, _sentence(e)) for e in lines]
+    )
+
+
+def _thresholds(figure: Mapping[str, Any], above: bool) -> list[float]:
+    given = figure.get("above" if above else "below", [])
+    return [float(t) for t in (given if isinstance(given, list) else [given])]
+
+
+def _sentence(e: Exceedance) -> str:
+    side = "above" if e.above else "below"
+    return f"{100 * e.probability:.3g} % {side} {e.threshold:g} ({100 * e.low:.3g} to {100 * e.high:.3g} %)"
+
+
+def _most_correlated(data: xr.Dataset, output: str) -> list[str]:
+    """Return the inputs that go with an output most closely, by rank correlation."""
+    w = values_of(data, output)
+    known = np.isfinite(w)
+    ranks = np.argsort(np.argsort(w[known]))
+    size = {}
+    for name in names_of(data, "inputs"):
+        own = np.argsort(np.argsort(data[name].values[known]))
+        size[name] = abs(float(np.corrcoef(ranks, own)[0, 1])) if known.sum() > 2 else 0.0
+    return sorted(size, key=lambda n: -size[n])[:MOST]
+
+
+# --- HTML -------------------------------------------------------------------------------------
+
+
+def write_html(report: Report, path: str | Path) -> Path:
+    """Write a report as one HTML file that holds its figures.
+
+    Parameters
+    ----------
+    report : Report
+    path : str or path
+    """
+    from hbbogie import plot
+
+    parts = [f"<h1>{html.escape(report.title)}</h1>"]
+    parts += [f'<p class="note">{html.escape(note)}</p>' for note in report.notes]
+    parts += [_html_table(table) for table in report.tables[:2]]
+    for name, figure in report.figures.items():
+        image = base64.b64encode(plot.drawing(figure())).decode()
+        text = html.escape(name.replace("_", ": ", 1))
+        parts.append(f'<h2>Figure {text}</h2>\n<img alt="{text}" src="data:image/png;base64,{image}">')
+    parts += [_html_table(table) for table in report.tables[2:]]
+    head = f'<meta charset="utf-8">\n<title>{html.escape(report.title)}</title>\n<style>{STYLE}</style>'
+    text = (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head}\n</head>\n<body>\n'
+        + "\n".join(parts)
+        + "\n</body>\n</html>\n"
+    )
+    target = Path(path)
+    with replacing(target) as part:
+        part.write_text(text, "utf-8")
+    return target
+
+
+def _html_table(table: Table) -> str:
+    header = "".join(f"<th>{html.escape(c)}</th>" for c in table.columns)
+    body = []
+    for cells, row in zip(table.cells(), table.rows, strict=True):
+        kinds = [' class="text"' if isinstance(value, str) else "" for value in row]
+        body.append("".join(f"<td{k}>{html.escape(c)}</td>" for k, c in zip(kinds, cells, strict=True)))
+    rows = "\n".join(f"<tr>{r}</tr>" for r in body)
+    notes = "".join(f'<p class="note">{html.escape(n)}</p>' for n in table.notes)
+    return f"<h2>{html.escape(table.title)}</h2>\n<table>\n<tr>{header}</tr>\n{rows}\n</table>{notes}"

@@ -1,0 +1,13 @@
+from .basin import Basin as Basin
+from .branch import Branch as Branch
+from .branch import SpecialPoint as SpecialPoint
+from .chart import Chart as Chart
+from .chart import ChartPoint as ChartPoint
+from .chart import CriticalCurve as CriticalCurve
+from .critical import Critical as Critical
+from .failure import ConvergenceError as ConvergenceError
+from .hysteresis import Hysteresis as Hysteresis
+from .hysteresis import Passage as Passage
+from .orbit import Orbit as Orbit
+from .orbit import Stability as Stability
+from .trajectory import Trajectory as Trajectory

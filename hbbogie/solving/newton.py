@@ -1,0 +1,160 @@
+"""The equations of a cycle with conditions as a scaled root-finding problem, and Newton's method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.methods.equations import Equations
+from hbbogie.results import Orbit
+
+Array = NDArray[np.float64]
+ROUND_OFF = 1e-4  # share of the tolerance that needs no further step
+NEWTON_ITERATIONS, HALVINGS = 20, 5
+FARTHEST = 100.0  # distance a free parameter may go, in units of its first value
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What is solved for besides the cycle: free parameters and a prescribed first-harmonic amplitude.
+
+    Attributes
+    ----------
+    free : tuple of int
+        Places of the free parameters in the parameter vector.
+    amplitude : int or None
+        Coordinate whose first-harmonic amplitude is prescribed.
+    """
+
+    free: tuple[int, ...] = ()
+    amplitude: int | None = None
+
+
+class Buffered:
+    """A CasADi function with dense inputs and outputs, called on NumPy arrays without conversions."""
+
+    def __init__(self, function: ca.Function):
+        self.buffer, self.run = function.buffer()
+        self.inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+        outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        for i, a in enumerate(self.inputs):
+            self.buffer.set_arg(i, a.data)
+        for i, a in enumerate(outputs):
+            self.buffer.set_res(i, a.data)
+        self.outputs = [a.reshape(function.size_out(i), order="F") for i, a in enumerate(outputs)]
+
+    def __call__(self, *values: Array) -> list[Array]:
+        """Return the values of the function, each of its shape."""
+        for a, value in zip(self.inputs, values, strict=True):
+            a[:] = value
+        self.run()
+        return [a.copy() for a in self.outputs]
+
+
+class Problem:
+    """The equations with their conditions as a scaled root-finding problem in y = (z, p[free]).
+
+    Parameters
+    ----------
+    equations : Equations
+    conditions : Conditions
+    p : ndarray, shape (number of parameters,)
+        Values of all parameters; those of the free ones are where the search begins.
+    target : float, unit of the coordinate
+        The prescribed first-harmonic amplitude.
+    """
+
+    def __init__(self, equations: Equations, conditions: Conditions, p: Array, target: float = 0.0):
+        self.equations, self.conditions, self.p, self.target = equations, conditions, p, target
+        self.free = list(conditions.free)
+        bounds = [equations.system.parameters[i].bounds for i in self.free]
+        size = np.where(p[self.free] == 0, 1.0, np.abs(p[self.free]))
+        self.scale = np.concatenate([equations.scale, size])
+        reach = FARTHEST * size  # a free parameter that goes on for ever is no answer either
+        self.lower = np.concatenate([equations.lower, np.maximum([b[0] for b in bounds], p[self.free] - reach)])
+        self.upper = np.concatenate([equations.upper, np.minimum([b[1] for b in bounds], p[self.free] + reach)])
+        self.row_scale = equations.residual_scale
+        self.rows = equations.rows
+        if conditions.amplitude is not None:
+            self.row_scale = np.append(self.row_scale, target)
+            self.rows = (*self.rows, "prescribed amplitude")
+        self._jacobian = Buffered(equations.derivatives(conditions.free))
+
+    def parameters(self, y: Array) -> Array:
+        """Return the parameter vector that belongs to y."""
+        p = self.p.copy()
+        p[self.free] = y[self.equations.size :]
+        return p
+
+    def evaluate(self, y: Array) -> tuple[Array, Array]:
+        """Return the residual and its Jacobian with respect to y."""
+        z, p = y[: self.equations.size], self.parameters(y)
+        F, J = self._jacobian(z, p)
+        F = F.ravel()
+        if self.conditions.amplitude is not None:
+            g, dg = first_harmonic(self.equations, self.conditions)(z, p)
+            F, J = np.append(F, float(g) - self.target), np.vstack([J, dg.full()])
+        return F, J
+
+    def orbit(self, y: Array, status: str) -> Orbit:
+        """Return the orbit that belongs to y."""
+        return self.equations.decode(y[: self.equations.size], self.parameters(y), status)
+
+    def violated(self, y: Array, slack: float = 0.0) -> list[str]:
+        """Return labels of the unknowns that lie on or beyond a bound."""
+        names = [*self.equations.unknowns, *(self.equations.system.parameter_names[i] for i in self.free)]
+        low, high = y <= self.lower + slack * self.scale, y >= self.upper - slack * self.scale
+        return [
+            f"{name} at its {'lower' if a else 'upper'} bound"
+            for name, a, b in zip(names, low, high, strict=True)
+            if a or b
+        ]
+
+
+def first_harmonic(equations: Equations, conditions: Conditions) -> ca.Function:
+    """Return (z, p) -> first-harmonic amplitude of a coordinate and its derivative in (z, p[free])."""
+
+    def build() -> ca.Function:
+        z, p = ca.MX.sym("z", equations.size), ca.MX.sym("p", equations.residual.size1_in(1))
+        c = equations.coefficients(z, p)[1:3, conditions.amplitude]
+        g = ca.norm_2(c)
+        derivative = [ca.jacobian(g, z)] + [ca.jacobian(g, p)[:, i] for i in conditions.free]
+        return ca.Function("amplitude", [z, p], [g, ca.horzcat(*derivative)])
+
+    return equations.once(("amplitude", conditions), build)
+
+
+def newton(problem: Problem, y: Array, tolerance: float) -> tuple[Array, float, int]:
+    """Newton's method with step halving.
+
+    Returns
+    -------
+    y : ndarray, shape (m,)
+        The last iterate, the best one.
+    error : float
+        Its largest scaled residual; at most ``tolerance`` when converged.
+    iterations : int
+    """
+    F, J = problem.evaluate(y)
+    error, met = float(np.abs(F / problem.row_scale).max()), False
+    for iteration in range(NEWTON_ITERATIONS):
+        if (error <= tolerance and met) or error <= ROUND_OFF * tolerance or not np.isfinite(error):
+            return y, error, iteration
+        met = error <= tolerance  # one more step is cheap and leads to round-off
+        try:
+            step = np.linalg.solve(J / problem.row_scale[:, None] * problem.scale, F / problem.row_scale)
+        except np.linalg.LinAlgError:
+            return y, error, iteration
+        for halving in range(HALVINGS):
+            trial = y - 0.5**halving * problem.scale * step
+            F, J = problem.evaluate(trial)
+            new = float(np.abs(F / problem.row_scale).max())
+            if new < error:
+                break
+        else:
+            return y, error, iteration
+        y, error = trial, new
+    return y, error, NEWTON_ITERATIONS

@@ -1,0 +1,351 @@
+"""Cycles that are best in some respect: a nonlinear program over a cycle and parameters, solved by IPOPT."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.methods.equations import Equations
+from hbbogie.results import Orbit
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+FARTHEST = 100.0  # distance a free parameter may go, in units of its first value
+REACH, SMALLEST, BOXES = 0.2, 1e-4, 60  # how far one solution may go, in units of the scales, and how often
+ACTIVE = 1e-6  # multiplier, scaled, from which a limit counts as active
+SAMPLES = 64  # per period
+SOLVER: dict[str, Any] = {
+    "print_time": False, "calc_lam_p": False,
+    "ipopt": {
+        "print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-10, "constr_viol_tol": 1e-10,
+        "mu_init": 1e-3, "bound_push": 1e-8, "bound_frac": 1e-8,
+        "nlp_scaling_method": "none",  # the problem is scaled already
+    },
+}  # fmt: skip
+
+
+class Cycle:
+    """A cycle as expressions of the unknowns, in which objectives and constraints are written.
+
+    Parameters
+    ----------
+    equations : Equations
+    z, p : casadi.MX
+        Unknowns and all parameters.
+
+    Attributes
+    ----------
+    coefficients : casadi.MX, shape (2 H + 1, n), unit of the coordinate
+    omega : casadi.MX, rad/s
+    """
+
+    def __init__(self, equations: Equations, z: ca.MX, p: ca.MX):
+        self._system, self._p = equations.system, p
+        self.coefficients, self.omega = equations.coefficients(z, p), equations.frequency(z)
+        self.H = (self.coefficients.shape[0] - 1) // 2
+
+    def parameter(self, name: str) -> ca.MX:
+        """Return a parameter [its unit]."""
+        self._system.parameter(name)
+        return self._p[self._system.parameter_names.index(name)]
+
+    def harmonic(self, coordinate: str, h: int) -> ca.MX:
+        """Return the amplitude of a harmonic, 1 to H, of a coordinate [its unit]."""
+        if not 1 <= h <= self.H:
+            raise ModelError(f"harmonic {h} of {coordinate!r}: the equations keep harmonics up to {self.H}.")
+        return ca.norm_2(self.coefficients[2 * h - 1 : 2 * h + 1, self._system.index(coordinate)])
+
+    def first_harmonic(self, coordinate: str) -> ca.MX:
+        """Return the amplitude of the first harmonic of a coordinate [its unit]."""
+        return self.harmonic(coordinate, 1)
+
+    def root_mean_square(self, coordinate: str) -> ca.MX:
+        """Return the root of the mean square of a coordinate over the period [its unit]."""
+        c = self.coefficients[:, self._system.index(coordinate)]
+        return ca.sqrt(c[0] ** 2 + 0.5 * ca.sumsqr(c[1:]))
+
+    def values(self, coordinate: str, samples: int = SAMPLES) -> ca.MX:
+        """Return a coordinate at equal distances over the period, shape (samples,) [its unit]."""
+        E = fourier.synthesis(self.H, fourier.phases(samples))
+        return ca.mtimes(E, self.coefficients[:, self._system.index(coordinate)])
+
+    def force(self, element: str, samples: int = SAMPLES) -> ca.MX:
+        """Return the force of an element at equal distances over the period, shape (samples,) [its unit]."""
+        names = [e.name for e in self._system.elements]
+        if element not in names:
+            raise ModelError(f"system {self._system.name!r}: {unknown_name('element', element, names)}")
+        law, tau = self._system.elements[names.index(element)], fourier.phases(samples)
+        q = ca.mtimes(fourier.synthesis(self.H, tau), self.coefficients).T
+        v = self.omega * ca.mtimes(fourier.synthesis(self.H, tau, 1), self.coefficients).T
+        u = law.argument.map(samples)(q, v, ca.repmat(self._p, 1, samples))
+        return law.force.map(samples)(u, ca.repmat(self._p, 1, samples)).T
+
+
+Quantity = Callable[[Cycle], ca.MX]
+Limit = tuple[Quantity, float | None, float | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """A cycle at which an objective is smallest among its neighbours.
+
+    Attributes
+    ----------
+    orbit : Orbit
+    value : float, unit of the objective
+    gradient : dict of float, unit of the objective per unit of the parameter
+        Derivative of the value with respect to every parameter that is not free.
+    multipliers : tuple of ndarray, unit of the objective per unit of the limited quantity
+        For every limit, one for each of its entries: by how much the value falls per unit by which the quantity may
+        be larger (negative where a lower limit holds).
+    active : tuple of str
+        Limits and bounds that hold it, by their number or name.
+    residual : float
+        Largest scaled residual of the equations.
+    iterations : int
+    status : str
+    """
+
+    orbit: Orbit
+    value: float
+    gradient: dict[str, float]
+    multipliers: tuple[Array, ...]
+    active: tuple[str, ...]
+    residual: float
+    iterations: int
+    status: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """What is built once: objective and limits with derivatives, and the solver."""
+
+    quantities: ca.Function  # (z, p) -> objective, its derivative in (z, p); limits, theirs
+    solver: ca.Function
+    sizes: tuple[int, ...]
+
+
+def minimise(
+    equations: Equations,
+    guess: Orbit,
+    free: Sequence[str],
+    objective: Quantity,
+    subject_to: Sequence[Limit] = (),
+    *,
+    reach: float = REACH,
+    tolerance: float = 1e-9,
+    **fixed: float,
+) -> Optimum:
+    """Find the cycle near a guess at which an objective is smallest, over some parameters.
+
+    Parameters
+    ----------
+    equations : Equations
+    guess : Orbit
+        Where the search begins, with the values of the free parameters.
+    free : sequence of str
+        Parameters that are unknowns; their bounds hold.
+    objective : callable, Cycle -> scalar expression
+    subject_to : sequence of (callable, lower, upper)
+        Cycle -> expression, scalar or vector, and its limits; None for no limit.
+    reach : float
+        How far one solution may go from the last point, in units of the scales; beyond, it goes on in a new box.
+    tolerance : float
+        Largest scaled residual accepted.
+    **fixed : float
+        Values of other parameters.
+
+    Raises
+    ------
+    ConvergenceError
+        When IPOPT does not converge; with its status.
+    ModelError
+        For unknown names, or limits that contradict each other.
+
+    Notes
+    -----
+    The equations, their exact first and second derivatives (eq-optimum) and those of objective and limits make a
+    nonlinear program in the scaled unknowns. Functions are built once for the same callables: give functions with a
+    name, not a new lambda in every turn of a loop.
+    """
+    system = equations.system
+    _check(free, objective, subject_to, fixed)
+    places = tuple(system.parameter_names.index(system.parameter(name).name) for name in free)
+    p = system.vector(**fixed)
+    for i in places:
+        p[i] = guess.parameters.get(system.parameter_names[i], p[i])
+    functions = (objective, *(quantity for quantity, _, _ in subject_to))
+    program = equations.once(("optimum", places, functions), lambda: _build(equations, places, functions))
+    m, y = equations.size, np.append(equations.encode(guess), p[list(places)])
+    _, df, _, dg = (np.atleast_2d(a.full()) for a in program.quantities(y[:m], p))
+    columns = [*range(m), *(m + i for i in places)]
+    size = np.where(p[list(places)] == 0, 1.0, np.abs(p[list(places)]))
+    scale = np.append(equations.scale, size)
+    f_scale = 1 / max(float(np.abs(df[0, columns] * scale).max()), 1e-300)
+    rows = _row_scales(np.abs(dg[:, columns] * scale), program.sizes)
+    limits = [np.append(np.zeros(m), side / rows) for side in _limits(subject_to, program.sizes)]
+    ends = np.array([system.parameters[i].bounds for i in places]).T
+    lower = np.append(equations.lower, np.maximum(ends[0], y[m:] - FARTHEST * size)) / scale
+    upper = np.append(equations.upper, np.minimum(ends[1], y[m:] + FARTHEST * size)) / scale
+    theta = np.concatenate([p, scale, equations.residual_scale, [f_scale], rows])
+    x, result, count, done = _search(program.solver, y / scale, theta, (lower, upper), (limits[0], limits[1]), reach)
+    y = x * scale
+    p[list(places)] = y[m:]
+    F = equations.residual(y[:m], p).full().ravel()
+    residual = float(np.abs(F / equations.residual_scale).max())
+    orbit = equations.decode(y[:m], p, done, F)
+    if result is None or residual > tolerance:
+        raise ConvergenceError(
+            f"no optimum found ({equations.method}; {done}, scaled residual {residual:.1e}). What to try: begin with a "
+            "cycle of the equations that meets the limits, from find_cycles or trace, or loosen the limits.",
+            orbit,
+            {"return_status": done, "iterations": count},
+        )
+    lam_g, lam_x = result["lam_g"].full().ravel(), result["lam_x"].full().ravel()
+    f, df, _, dg = (np.atleast_2d(a.full()) for a in program.quantities(y[:m], p))
+    weights = lam_g[:m] / equations.residual_scale / f_scale, lam_g[m:] / rows / f_scale
+    slopes = df[0, m:] + equations.sensitivity()(y[:m], p, weights[0]).full().ravel()
+    slopes = slopes + (weights[1] @ dg[:, m:] if len(rows) else 0.0)
+    gradient = {n: float(slopes[i]) for i, n in enumerate(system.parameter_names) if i not in places}
+    last = np.cumsum(program.sizes, dtype=int)  # beyond each limit
+    parts, scaled = (np.split(values, last)[:-1] for values in (weights[1], lam_g[m:]))
+    held = [f"limit {i + 1}" for i, part in enumerate(scaled) if np.abs(part).max() > ACTIVE]
+    labels = (*equations.unknowns, *free)
+    held += [f"bound of {name}" for name, value in zip(labels, lam_x, strict=True) if abs(value) > ACTIVE]
+    return Optimum(orbit, float(f[0, 0]), gradient, tuple(parts), tuple(held), residual, count, done)
+
+
+def _check(free: Sequence[str], objective: Any, subject_to: Any, fixed: Mapping[str, float]) -> None:
+    """Raise `ModelError` where an argument of `minimise` is none."""
+    if not free:
+        raise ModelError("minimise: free names no parameter; a cycle at given parameters is what solve finds without.")
+    if twice := [name for name in free if list(free).count(name) > 1 or name in fixed]:
+        raise ModelError(f"minimise: parameter {twice[0]!r} is named twice among free and fixed ones; leave one out.")
+    example = "lambda cycle: cycle.parameter('V')"
+    if not callable(objective):
+        raise ModelError(f"minimise: the objective is {objective!r}; give a function of the cycle, such as {example}.")
+    for i, limit in enumerate(subject_to if isinstance(subject_to, Sequence) else [subject_to]):
+        whole = isinstance(limit, Sequence) and len(limit) == 3 and callable(limit[0])
+        if not whole or not all(side is None or isinstance(side, Real) for side in limit[1:]):
+            raise ModelError(
+                f"subject_to: limit {i + 1} is {limit!r}; give ({example}, lower, upper), None for no limit."
+            )
+
+
+def _expression(function: Quantity, cycle: Cycle) -> ca.MX:
+    """Return what an objective or limit says of a cycle; raise `ModelError` when it is no expression."""
+    value: Any = function(cycle)
+    try:
+        return ca.MX(value)
+    except NotImplementedError:
+        raise ModelError(f"minimise: a function returned {value!r}; return an expression of the cycle.") from None
+
+
+def _search(
+    solver: ca.Function, x: Array, theta: Array, bounds: tuple[Array, Array], limits: tuple[Array, Array], reach: float
+) -> tuple[Array, dict[str, ca.DM] | None, int, str]:
+    """Go to the optimum in boxes about the last point, for a step beyond its neighbourhood leads astray.
+
+    Returns
+    -------
+    x, result, iterations, status
+        The last point; what IPOPT returned there, None where it is no optimum.
+    """
+    longest, count = reach, 0
+    for boxes in range(1, BOXES + 1):
+        low, high = np.maximum(bounds[0], x - reach), np.minimum(bounds[1], x + reach)
+        result = solver(x0=np.clip(x, low, high), p=theta, lbx=low, ubx=high, lbg=limits[0], ubg=limits[1])
+        statistics = solver.stats()
+        count += statistics["iter_count"]
+        status = f"IPOPT: {statistics['return_status']} after {count} iterations in {boxes} box(es)"
+        if not statistics["success"]:
+            there = result["x"].full().ravel()
+            infeasible = "Infeasible" in statistics["return_status"]
+            if infeasible and np.isfinite(reach) and np.abs(there - x).max() > 0.9 * reach:
+                x = there  # as near to the limits as the box allows
+                continue
+            reach /= 4
+            if reach < SMALLEST or np.isinf(reach):
+                break
+            continue
+        x, lam = result["x"].full().ravel(), result["lam_x"].full().ravel()
+        inside = (np.abs(lam) <= ACTIVE) | (lam > 0) & (high == bounds[1]) | (lam < 0) & (low == bounds[0])
+        if inside.all():
+            return x, result, count, status
+        reach = min(2 * reach, longest)
+    return x, None, count, status
+
+
+def _row_scales(slopes: Array, sizes: Sequence[int]) -> Array:
+    """Return a typical change of every limited quantity: the largest of those that belong to one limit."""
+    ends = np.cumsum(sizes, dtype=int)
+    largest = [slopes[end - size : end].max() for end, size in zip(ends, sizes, strict=True)]
+    return np.repeat([value if value > 0 else 1.0 for value in largest], sizes)
+
+
+def _limits(subject_to: Sequence[Limit], sizes: Sequence[int]) -> tuple[Array, Array]:
+    """Return lower and upper limits of all entries; raise `ModelError` when they contradict each other."""
+    low, high = [], []
+    for i, ((_, lower, upper), size) in enumerate(zip(subject_to, sizes, strict=True)):
+        a, b = -np.inf if lower is None else float(lower), np.inf if upper is None else float(upper)
+        if not a <= b:
+            raise ModelError(f"subject_to: limit {i + 1} has lower {a:g} and upper {b:g}; give lower <= upper.")
+        low += [a] * size
+        high += [b] * size
+    return np.array(low), np.array(high)
+
+
+def _build(equations: Equations, free: tuple[int, ...], functions: Sequence[Quantity]) -> _Program:
+    """Return the program's functions, built once for the same free parameters and callables."""
+    m, n_p, n_y = equations.size, equations.residual.size1_in(1), equations.size + len(free)
+    z, p = ca.MX.sym("z", m), ca.MX.sym("p", n_p)
+    cycle = Cycle(equations, z, p)
+    f, *limits = (_expression(function, cycle) for function in functions)
+    if not f.is_scalar():
+        raise ModelError(f"minimise: the objective has shape {f.shape}; it must be one number.")
+    g = ca.vertcat(*(ca.vec(limit) for limit in limits)) if limits else ca.MX(0, 1)
+    zp = ca.vertcat(z, p)
+    quantities = ca.Function("quantities", [z, p], [f, ca.jacobian(f, zp), g, ca.jacobian(g, zp)])
+    x, sizes = ca.MX.sym("x", n_y), tuple(limit.numel() for limit in limits)
+    parts = [("p", n_p), ("scale", n_y), ("rows", m), ("f_scale", 1), ("g_rows", sum(sizes))]
+    theta = [ca.MX.sym(name, k) for name, k in parts]
+    values, scale, rows, f_scale, g_rows = theta
+    y = x * scale
+    q = ca.MX(values)
+    for k, i in enumerate(free):
+        q[i] = y[m + k]
+    columns = [*range(m), *(m + i for i in free)]
+    value = ca.Function("value", [z, p], [f, g])
+    lam = ca.MX.sym("lam", 1 + sum(sizes))
+    lagrangian = lam[0] * f + (ca.dot(lam[1:], g) if limits else 0)
+    second = ca.hessian(lagrangian, zp)[0][columns, columns]
+    bent = ca.Function("bent", [z, p, lam], [second])
+    f_y, g_y = value(y[:m], q)
+    _, df, _, dg = quantities(y[:m], q)
+    F, J = equations.derivatives(free)(y[:m], q)
+    J = ca.vertcat(J / ca.repmat(rows, 1, n_y), dg[:, columns] / ca.repmat(g_rows, 1, n_y)) * ca.repmat(
+        scale.T, m + sum(sizes), 1
+    )
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m + sum(sizes))
+    H = equations.hessian(free)(y[:m], q, lam_g[:m] / rows)
+    H = H + bent(y[:m], q, ca.vertcat(lam_f * f_scale, lam_g[m:] / g_rows))
+    H = ca.triu(ca.densify(H) * ca.mtimes(scale, scale.T))
+    everything = ca.vertcat(*theta)
+    # a gradient with structural zeros would be taken for one of its few entries only
+    together, gradient = ca.vertcat(F / rows, g_y / g_rows), ca.densify(f_scale * df[columns] * scale.T)
+    hessian = ca.Function("hess_lag", [x, everything, lam_f, lam_g], [H], ["x", "p", "lam_f", "lam_g"], ["hess_lag"])
+    options = SOLVER | {
+        "grad_f": ca.Function("grad_f", [x, everything], [f_scale * f_y, gradient.T], ["x", "p"], ["f", "grad_f_x"]),
+        "jac_g": ca.Function("jac_g", [x, everything], [together, J], ["x", "p"], ["g", "jac_g_x"]),
+        "hess_lag": hessian,
+    }
+    program = {"x": x, "p": everything, "f": f_scale * f_y, "g": together}
+    return _Program(quantities, ca.nlpsol("optimum", "ipopt", program, options), sizes)

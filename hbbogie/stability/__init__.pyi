@@ -1,0 +1,9 @@
+from .hill_method import HillStability as HillStability
+from .hill_method import hill as hill
+from .jumps import passages_of as passages_of
+from .multipliers import floquet as floquet
+from .shooting import Shooting as Shooting
+from .variation import Waveform as Waveform
+from .verification import Verification as Verification
+from .verification import defect as defect
+from .verification import verify as verify

@@ -1,0 +1,229 @@
+"""Stability of orbits: Floquet multipliers from the variational equations, and a verdict with its reason."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.errors import ModelError
+from hbbogie.model.parts import is_odd
+from hbbogie.model.system import System
+from hbbogie.results import Orbit, Stability
+from hbbogie.stability.jumps import passages_along
+from hbbogie.stability.variation import Waveform, check_orbit, mesh_of, product, trace_integral, transitions_over
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+MARGIN = 5.0  # a multiplier this many trivial errors from the unit circle has a side
+
+
+def floquet(
+    system: System,
+    orbit: Orbit,
+    *,
+    steps: int | None = None,
+    tolerance: float = 1e-2,
+    half: bool | None = None,
+) -> Stability:
+    """Return the Floquet multipliers of a cycle, or the eigenvalues of an equilibrium, and a verdict.
+
+    Parameters
+    ----------
+    system : System
+    orbit : Orbit
+        A cycle, or an equilibrium (H = 0). The parameter values are those of the orbit.
+    steps : int
+        Steps per period. Where left out: at least 256, 10 for each harmonic, and so many that a step
+        times the largest eigenvalue of the state matrix stays below 0.075; rounded up to a few numbers.
+    tolerance : float
+        Largest error of the trivial multiplier, and largest error of the logarithm of the determinant
+        relative to its size (or to 1), that are still trusted.
+    half : bool
+        Whether to integrate half a period only, for which system and orbit must be odd. By default it is
+        done where they are.
+
+    Returns
+    -------
+    Stability
+        Of an equilibrium the multipliers are the exponentials of the eigenvalues over one second.
+
+    Raises
+    ------
+    ModelError
+        When the orbit does not belong to the system, steps or tolerance are not acceptable, or half a period
+        is asked for and not enough.
+
+    Notes
+    -----
+    The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series, one
+    fourth-order Runge-Kutta step from the identity for each interval of a mesh; the product of the
+    transition matrices is the monodromy matrix. The contact times of piecewise-linear elements are mesh
+    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink.
+    Where an element jumps, the jump matrix (eq-jump) is a further factor; a motion that does not pass there
+    but sticks is not followed, and the verdict is "unknown". A kink or jump written in the equations, as
+    ``fmax`` or ``sign``, and not as an element is not seen and costs accuracy. With the default steps
+    multipliers above 1e-4 are good to about 1e-6 of their size, for the orbit as given; its own error comes
+    on top.
+
+    One multiplier of a cycle is 1; the error of the nearest measures orbit and integration together. The
+    determinant measures the integration alone: the sum of log abs det over the intervals and the jumps must be
+    the integral of the trace of A (Liouville) plus the logarithms of the jumps' known determinants. When either
+    fails, or a multiplier lies closer to the unit circle than five times the trivial error, the verdict is
+    "unknown". Of multipliers below about 1e-12 only the smallness is meant: they are round-off.
+
+    When system and orbit are odd, q(t + T/2) = -q(t), half the period is enough (eq-half-period): the
+    multipliers are the squares of those of G = -Phi(T/2), which are kept too. They tell more: next to the
+    trivial one, +1, G has +1 at a fold and -1 at a pitchfork that breaks the symmetry, where both are +1 over
+    the full period; and there the trivial one is not lost among others.
+    """
+    check_orbit(system, orbit)
+    if not tolerance > 0:
+        raise ModelError(f"tolerance: got {tolerance!r}; give a number above 0.")
+    if steps is not None and not (isinstance(steps, int | np.integer) and steps >= 4):
+        raise ModelError(f"steps: got {steps!r}; give a whole number, 4 or more.")
+    halved = _halved(system, orbit, half)
+    p = system.vector(**orbit.parameters)
+    if orbit.H == 0:
+        return _equilibrium(system, orbit, p, tolerance)
+    waveform = Waveform(system, orbit, p)
+    mesh = mesh_of(waveform, steps, half=halved)
+    passages = passages_along(waveform, mesh)
+    none = np.full(system.n_states, np.nan, dtype=complex)
+    if passages.obstacle:
+        return Stability("unknown", none, float("nan"), 0, f"{passages.obstacle}.")
+    transitions = passages.inserted(transitions_over(waveform, mesh))
+    monodromy = product(transitions)
+    if not np.isfinite(monodromy).all():
+        reason = f"the variational equations overflow with {len(mesh) - 1} steps; take more steps."
+        return Stability("unknown", none, float("nan"), 0, reason)
+    parts = 2 if halved else 1
+    log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
+    trace = parts * (trace_integral(waveform, mesh) + passages.log_determinant)
+    return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
+
+
+def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
+    """Return whether half a period is to be integrated; raise `ModelError` when it is asked for and not enough."""
+    if half is False:
+        return False
+    odd = fourier.is_odd(orbit.coefficients)
+    if orbit.H == 0:
+        why = "the orbit is an equilibrium"
+    elif not (system.odd or (odd and is_odd(system.with_parameters(**orbit.parameters), spread=0.0))):
+        why = f"the system {system.name!r} is not odd"
+    elif not odd:
+        why = "the orbit has a mean or even harmonics"
+    else:
+        return True
+    if half:
+        raise ModelError(f"half=True: {why}; half a period is enough for odd cycles of odd systems only. Leave it out.")
+    return False
+
+
+# --- verdicts ---------------------------------------------------------------------------------
+
+
+def judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: float) -> Stability:
+    """Return the verdict on a cycle from its map and from Liouville's formula.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n_states, n_states)
+        The monodromy matrix (parts = 1), or G, whose square it is (parts = 2).
+    parts : int
+    log_det, trace : float
+        Over the full period: log abs det accumulated over the mesh, and the integral of the trace.
+    tolerance : float
+        Largest error of the trivial multiplier, and of the logarithm of the determinant relative to its size.
+    """
+    values, vectors = np.linalg.eig(matrix)
+    order = np.argsort(-np.abs(values), kind="stable")
+    values, vectors = values[order].astype(complex), vectors[:, order]
+    trivial = int(np.argmin(np.abs(values - 1)))
+    multipliers = values**parts
+    error, liouville = float(abs(multipliers[trivial] - 1)), abs(log_det - trace) / max(1.0, abs(trace))
+    doubt = ""
+    if not error <= tolerance:
+        doubt = (
+            f"no multiplier is closer to 1 than {error:.2g}, allowed is {tolerance:g}: the orbit is not "
+            "exact enough; take more harmonics or solve it more tightly"
+        )
+        if np.sort(np.abs(values - 1))[:2].max() < 2 * abs(values[trivial] - 1):
+            doubt += " (two are equally near: where two meet at 1, in a conservative system or at a fold, "
+            doubt += "they carry the square root of the orbit's error)"
+    elif not liouville <= tolerance:
+        doubt = (
+            f"the determinant is off (Liouville): its logarithm is {log_det:.6g}, the integral of the trace "
+            f"{trace:.6g}; take more steps"
+        )
+    verdict, outside, reason = sides(multipliers, trivial, error, doubt)
+    reason += f"; error of the trivial multiplier {error:.2g}, of the determinant {liouville:.2g}."
+    halves = values if parts == 2 else None
+    others = [i for i in range(len(values)) if i != trivial]
+    critical = complex(multipliers[others[0]]) if others else None
+    mode = _scaled(vectors[:, others[0]]) if others else None
+    return Stability(verdict, multipliers, error, outside, reason, halves, critical, mode)
+
+
+def sides(multipliers: Complex, trivial: int, error: float, doubt: str) -> tuple[str, int, str]:
+    """Return the verdict, the number of multipliers outside the unit circle, and why, the beginning of a sentence.
+
+    Parameters
+    ----------
+    multipliers : ndarray, shape (n_states,)
+    trivial : int
+        The place of the trivial one.
+    error : float
+        Of the multipliers near the unit circle; closer to it than `MARGIN` times that none has a side.
+    doubt : str
+        Why the verdict is "unknown" whatever the multipliers are; empty where there is no reason.
+    """
+    moduli, margin = np.abs(np.delete(multipliers, trivial)), max(MARGIN * error, 1e-8)
+    outside, near = int((moduli > 1 + margin).sum()), int((np.abs(moduli - 1) <= margin).sum())
+    largest = f"the largest {moduli.max(initial=0.0):.6g}"
+    if doubt:
+        return "unknown", outside, doubt
+    if outside:
+        return "unstable", outside, f"{outside} multiplier(s) outside the unit circle, {largest}"
+    if near:
+        reason = f"{near} multiplier(s) besides the trivial one within {margin:.2g} of the unit circle: "
+        return "unknown", 0, reason + "neutral as far as can be told (a conservative system, or a bifurcation)"
+    return "stable", 0, f"all multipliers but the trivial one inside the unit circle, {largest}"
+
+
+def _scaled(vector: NDArray[Any]) -> Complex:
+    """Return the vector scaled so that its largest entry is 1."""
+    return np.asarray(vector / vector[np.argmax(np.abs(vector))], dtype=complex)
+
+
+def _equilibrium(system: System, orbit: Orbit, p: Array, tolerance: float) -> Stability:
+    """Return the verdict on an equilibrium from the real parts of its eigenvalues."""
+    x = np.zeros(system.n_states)
+    x[: system.n] = orbit.coefficients[0]
+    A, rate = system.ode_jacobian(x, p).full(), system.ode(x, p).full().ravel()
+    eigenvalues, vectors = np.linalg.eig(A)
+    order = np.argsort(-eigenvalues.real, kind="stable")
+    eigenvalues, vectors = eigenvalues[order].astype(complex), vectors[:, order]
+    margin = 1e-9 * float(np.abs(eigenvalues).max(initial=0.0))
+    growing = int((eigenvalues.real > margin).sum())
+    neutral = int((np.abs(eigenvalues.real) <= margin).sum())
+    largest = f"largest real part {eigenvalues[0].real:.6g} 1/s"
+    distance = float(np.abs(np.linalg.lstsq(A, rate, rcond=None)[0]).max())
+    if distance > max(1e-12, tolerance * float(np.abs(x).max())):
+        verdict = "unknown"
+        reason = f"not an equilibrium: a Newton step would still move it by {distance:.2g}."
+    elif growing:
+        verdict, reason = "unstable", f"{growing} eigenvalue(s) in the right half plane, {largest}."
+    elif neutral:
+        verdict = "unknown"
+        reason = f"{neutral} eigenvalue(s) on the imaginary axis, {largest}: neutral as far as can be told."
+    else:
+        verdict, reason = "stable", f"all eigenvalues in the left half plane, {largest}."
+    with np.errstate(over="ignore"):  # a multiplier beyond the largest number is infinite, and unstable
+        multipliers = np.exp(eigenvalues)
+    critical = complex(multipliers[0])
+    return Stability(verdict, multipliers, 0.0, growing, reason, None, critical, _scaled(vectors[:, 0]))

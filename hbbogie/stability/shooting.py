@@ -1,0 +1,325 @@
+"""Closed motions by multiple shooting: Gauss collocation on elements between located contact times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from hbbogie import fourier
+from hbbogie.model.dynamics import state_of
+from hbbogie.model.system import System
+from hbbogie.results import Orbit
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.stability.variation import on_lines
+
+Array = NDArray[np.float64]
+
+STAGES = 12  # Gauss points of an element: order 24 at its ends
+FEWEST, MOST = 8, 3000  # elements per period
+COARSE = 1e-6  # local error of the first mesh: the given waveform has wiggles of its own
+ITERATIONS, HALVINGS, REFINEMENTS = 30, 8, 12
+LARGEST = 1500  # unknowns of the shortest correction
+SINGULAR = 1e-7  # smallest singular value of an isolated cycle's equations
+
+
+def _integrals(x: Array) -> Array:
+    """Return the integrals from -1 to x of the Legendre polynomials 0 ... STAGES - 1, shape (len(x), STAGES)."""
+    P = legendre.legvander(x, STAGES)
+    k = np.arange(1, STAGES)
+    return np.column_stack([x + 1, (P[:, 2:] - P[:, :-2]) / (2 * k + 1)])
+
+
+_x, _w = legendre.leggauss(STAGES)
+NODES, WEIGHTS = (_x + 1) / 2, _w / 2
+TO_LEGENDRE = np.linalg.inv(legendre.legvander(_x, STAGES - 1))
+INTEGRATE = _integrals(_x) @ TO_LEGENDRE / 2
+
+
+def field_of(system: System) -> list[ca.Function]:
+    """Return functions of (x, lines, p): dx/dt and the contacts' arguments u, each with its derivative in x."""
+    return system.once("shooting", lambda: _field(system))
+
+
+def _field(system: System) -> list[ca.Function]:
+    q, v, lines, p, velocity, rates, contacts = on_lines(system)
+    x = state_of(system, q, v)
+    u = ca.vertcat(*(e.argument(q, velocity, p) for e in contacts)) if contacts else ca.SX(0, 1)
+    outputs = {"rates": rates, "arguments": ca.densify(u)}
+    return [ca.Function(k, [x, lines, p], [f, ca.densify(ca.jacobian(f, x))]) for k, f in outputs.items()]
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """The order of contacts over a period: S segments, each begun by a contact that changes its line.
+
+    Attributes
+    ----------
+    starts, lengths : ndarray, shape (S,), rad
+        Phases at which the segments begin, and their lengths.
+    contact, level : ndarray, shape (S,) or (0,), the level in the unit of the contact's argument
+        The contact that begins each segment, and where; empty where no contact changes its line.
+    lines : ndarray, shape (S, 2 contacts)
+        Slope and intercept of each contact.
+    """
+
+    starts: Array
+    lengths: Array
+    contact: NDArray[np.int_]
+    level: Array
+    lines: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A motion on N elements, in scaled states.
+
+    Attributes
+    ----------
+    segment, share : ndarray, shape (N,)
+        The segment each element lies in, and its share of the duration of that.
+    x, stages : ndarray, shape (N, n_states) and (N, STAGES, n_states)
+        States where the elements begin, and at their Gauss points.
+    durations : ndarray, shape (S,), s
+    """
+
+    segment: NDArray[np.int_]
+    share: Array
+    x: Array
+    stages: Array
+    durations: Array
+
+    @property
+    def h(self) -> Array:
+        """Duration of each element, shape (N,), s."""
+        return self.durations[self.segment] * self.share
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Equations and derivatives at a path, with the stages of each element eliminated.
+
+    Attributes
+    ----------
+    f, error : ndarray, shape (N, STAGES, n_states), 1/s, and float
+        Rates at the stages, and the largest residual of all equations.
+    gap : ndarray, shape (N, n_states)
+        End of each element, with its stages solved for, minus the beginning of the next.
+    transitions, drift : ndarray, shape (N, n_states, n_states) and (N, n_states)
+        Derivatives of the end in the beginning and in the duration.
+    response : ndarray, shape (N, STAGES, n_states, n_states + 2)
+        Stages: correction, derivative in the beginning, derivative in the duration.
+    off, slope : ndarray, shape (S,) and (S, n_states)
+        The arguments of the contacts minus their levels, scaled, and derivatives.
+    """
+
+    f: Array
+    error: float
+    gap: Array
+    transitions: Array
+    drift: Array
+    response: Array
+    off: Array
+    slope: Array
+
+
+class Shooting:
+    """The equations of closed motions with one order of contacts; the search begins at an orbit."""
+
+    def __init__(self, system: System, orbit: Orbit, pattern: Pattern):
+        self.system, self.orbit, self.pattern = system, orbit, pattern
+        self.p = system.vector(**orbit.parameters)
+        self.field, self.arguments = field_of(system)
+        second = [i for i, s in enumerate(system.second_order) if s]
+        c = np.hstack([orbit.coefficients, orbit.omega * fourier.derivative(orbit.coefficients)[:, second]])
+        grid = fourier.synthesis(orbit.H, fourier.phases(max(256, 4 * orbit.H)))
+        size, positions = np.abs(grid @ c).max(axis=0), np.arange(system.n_states) < system.n
+        for group in (positions, ~positions):  # a state that rests must not ask for infinite precision
+            size[group] = np.maximum(size[group], 1e-6 * size[group].max(initial=0.0))
+        self.scale = np.where(size > 0, size, 1.0)
+        self.c = c / self.scale
+
+    def start(self, tolerance: float) -> Path:
+        """Return the orbit's own waveform on a mesh that resolves it."""
+        counts = np.maximum(1, np.ceil(FEWEST * self.pattern.lengths / (2 * np.pi))).astype(int)
+        segment = np.repeat(np.arange(len(counts)), counts)
+        share = 1.0 / counts[segment]
+        for _ in range(REFINEMENTS):
+            length = self.pattern.lengths[segment] * share
+            begin = self.pattern.starts[0] + np.cumsum(length) - length
+            tau = begin[:, None] + length[:, None] * np.r_[0.0, NODES]
+            x = (fourier.synthesis(self.orbit.H, tau.ravel()) @ self.c).reshape(*tau.shape, -1)
+            path = Path(segment, share, x[:, 0], x[:, 1:], self.pattern.lengths / self.orbit.omega)
+            pieces = self.pieces(path, self.rates(path)[0], tolerance)
+            if (pieces == 1).all() or pieces.sum() > MOST:
+                break
+            segment, share = np.repeat(segment, pieces), np.repeat(share / pieces, pieces)
+        return path
+
+    def pieces(self, path: Path, f: Array, tolerance: float) -> NDArray[np.int_]:
+        """Return into how many pieces each element must be split, shape (N,)."""
+        last = np.abs(np.einsum("km,ems->eks", TO_LEGENDRE[-2:], f)).max(axis=(1, 2)) * np.abs(path.h) / (2 * STAGES)
+        return np.clip(np.ceil((last / tolerance) ** (1 / STAGES)), 1, 4).astype(int)
+
+    def split(self, path: Path, f: Array, pieces: NDArray[np.int_]) -> Path:
+        """Return the same motion with each element split into pieces."""
+        e = np.repeat(np.arange(len(pieces)), pieces)
+        k = np.arange(len(e)) - (np.cumsum(pieces) - pieces)[e]
+        sigma = (k[:, None] + np.r_[0.0, NODES]) / pieces[e][:, None]
+        x = states_at(path, f, np.repeat(e, STAGES + 1), sigma.ravel()).reshape(*sigma.shape, -1)
+        return Path(path.segment[e], path.share[e] / pieces[e], x[:, 0], x[:, 1:], path.durations)
+
+    def rates(self, path: Path) -> tuple[Array, Array]:
+        """Return scaled rates, shape (N, STAGES, n_states), and their derivatives at the stages."""
+        N, _, n = path.stages.shape
+        lines = np.repeat(self.pattern.lines[path.segment], STAGES, axis=0)
+        f, J = self.field((path.stages * self.scale).reshape(-1, n).T, lines.T, self.p)
+        f, J = f.full().T.reshape(N, STAGES, n), J.full().reshape(n, N, STAGES, n).transpose(1, 2, 0, 3)
+        return f / self.scale, J * self.scale / self.scale[:, None]
+
+    def trace(self, path: Path) -> float:
+        """Return the integral of the trace of the rates' derivative over the period."""
+        traces = np.trace(self.rates(path)[1], axis1=2, axis2=3)
+        return float(path.h @ (traces @ WEIGHTS))
+
+    def linearise(self, path: Path) -> Step:
+        """Return the equations and their derivatives, the stages eliminated."""
+        N, _, n = path.stages.shape
+        f, J = self.rates(path)
+        h, x1 = path.h[:, None, None], path.x + path.h[:, None] * (WEIGHTS @ f)
+        ahead = INTEGRATE @ f
+        residual = path.x[:, None] + h * ahead - path.stages
+        M = -(h[..., None, None] * INTEGRATE[:, None, :, None]) * J.transpose(0, 2, 1, 3)[:, None]
+        M = M.reshape(N, STAGES * n, STAGES * n)
+        M[:, np.arange(STAGES * n), np.arange(STAGES * n)] += 1
+        eye = np.broadcast_to(np.eye(n), (N, STAGES, n, n))
+        right = np.concatenate([residual[..., None], eye, ahead[..., None]], axis=-1)
+        response = np.linalg.solve(M, right.reshape(N, STAGES * n, -1)).reshape(N, STAGES, n, -1)
+        end = path.h[:, None, None] * np.einsum("emab,embr->ear", WEIGHTS[:, None, None] * J, response)
+        mismatch = x1 - np.roll(path.x, -1, axis=0)
+        off, slope = self._contacts(path)
+        error = np.nan_to_num(max(np.abs(a).max(initial=0.0) for a in (residual, mismatch, off)), nan=np.inf)
+        gap, transitions, drift = mismatch + end[..., 0], np.eye(n) + end[..., 1:-1], end[..., -1] + WEIGHTS @ f
+        return Step(f, float(error), gap, transitions, drift, response, off, slope)
+
+    def _contacts(self, path: Path) -> tuple[Array, Array]:
+        """Return how far each contact is from its level where its segment begins, scaled; derivatives."""
+        contact, S, n = self.pattern.contact, len(self.pattern.contact), path.x.shape[1]
+        if not S:
+            return np.empty(0), np.empty((0, n))
+        k = np.arange(S)
+        first = np.searchsorted(path.segment, k)
+        u, du = self.arguments((path.x[first] * self.scale).T, self.pattern.lines.T, self.p)
+        derivative = du.full().reshape(-1, S, n)[contact, k] * self.scale
+        span = np.abs(derivative).sum(axis=1)
+        return (u.full()[contact, k] - self.pattern.level) / span, derivative / span[:, None]
+
+    def matrix(self, path: Path, step: Step) -> csc_matrix:
+        """Return the derivative of gaps and conditions in the beginnings and in the durations, relative to all.
+
+        The last rows are the contact conditions; without contacts one row fixes the phase.
+        """
+        N, n = path.x.shape
+        S, period = len(path.durations), path.durations.sum()
+        block = np.arange(N * n).reshape(N, n)
+        rows, columns = np.broadcast_arrays(block[:, :, None], block[:, None, :])
+        if len(step.off):
+            first = block[np.searchsorted(path.segment, np.arange(S))]
+            condition = (np.repeat(N * n + np.arange(S), n), first.ravel(), step.slope.ravel())
+        else:
+            rate = step.f[:, 0] * path.share[:, None]
+            condition = (np.full(N * n, N * n), block.ravel(), (rate / np.abs(rate).sum()).ravel())
+        parts = [
+            (rows.ravel(), columns.ravel(), step.transitions.ravel()),
+            (block.ravel(), np.roll(block, -1, axis=0).ravel(), -np.ones(N * n)),
+            (block.ravel(), np.repeat(N * n + path.segment, n), (step.drift * path.share[:, None] * period).ravel()),
+            condition,
+        ]
+        i, j, values = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return csc_matrix((values, (i, j)), shape=(N * n + S, N * n + S))
+
+    def corrections(self, path: Path, step: Step) -> Iterator[Array]:
+        """Yield corrections of beginnings and durations: Newton's, then the shortest, for a family of cycles."""
+        matrix = self.matrix(path, step)
+        right = -np.r_[step.gap.ravel(), step.off if len(step.off) else 0.0]
+        with suppress(RuntimeError):  # exactly singular
+            yield splu(matrix).solve(right)
+        if len(right) <= LARGEST:
+            yield np.linalg.lstsq(matrix.toarray(), right, rcond=1e-5)[0]
+
+    def improved(self, path: Path, step: Step, y: Array) -> tuple[Path, Step] | None:
+        """Return the path a correction leads to, halved until the residual falls; None where it does not."""
+        S, period = len(path.durations), path.durations.sum()
+        dx, dd = y[:-S].reshape(path.x.shape), y[-S:] * period
+        stages = step.response[..., 0] + np.einsum("emsr,er->ems", step.response[..., 1:-1], dx)
+        stages += step.response[..., -1] * (dd[path.segment] * path.share)[:, None, None]
+        long = path.durations > 1e-6 * period  # contacts at the same time leave nothing between them
+        shrinking = float((-dd[long] / path.durations[long]).max())
+        alpha = min(1.0, 0.8 / max(shrinking, 1e-300))
+        for _ in range(HALVINGS if np.isfinite(y).all() else 0):
+            x, durations = path.x + alpha * dx, path.durations + alpha * dd
+            trial = replace(path, x=x, stages=path.stages + alpha * stages, durations=durations)
+            with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):  # a step too far
+                new = self.linearise(trial)
+                if new.error < step.error:
+                    return trial, new
+            alpha /= 2
+        return None
+
+    def newton(self, path: Path, tolerance: float) -> tuple[Path, Step]:
+        """Return the path that closes, and the equations there; raise `ConvergenceError` where there is none."""
+        step = self.linearise(path)
+        for _ in range(ITERATIONS):
+            if step.error <= tolerance:
+                return path, step
+            tried = (self.improved(path, step, y) for y in self.corrections(path, step))
+            better = next((found for found in tried if found), None)
+            if better is None:
+                break
+            path, step = better
+        if step.error <= 1e3 * tolerance:  # round-off
+            return path, step
+        raise ConvergenceError(
+            f"system {self.system.name!r}: shooting from {self.orbit.method or 'the orbit'} ended with a residual of "
+            f"{step.error:.2g}; the orbit is too far from a cycle. Take more harmonics.",
+            orbit=self.orbit,
+        )
+
+    def close(self, tolerance: float) -> tuple[Path, Step]:
+        """Return the closed motion on a mesh fine enough for the tolerance."""
+        path, step = self.newton(self.start(max(tolerance, COARSE)), max(1e-2 * tolerance, 1e-13))
+        for _ in range(REFINEMENTS):
+            pieces = self.pieces(path, step.f, tolerance)
+            if (pieces == 1).all():
+                return path, step
+            if pieces.sum() > MOST:
+                break
+            path, step = self.newton(self.split(path, step.f, pieces), max(1e-2 * tolerance, 1e-13))
+        raise ConvergenceError(
+            f"system {self.system.name!r}: {MOST} elements do not resolve the motion to {tolerance:g}; give a larger "
+            "tolerance, or write a kink of the equations as an element.",
+            orbit=self.orbit,
+        )
+
+    def isolation(self, path: Path, step: Step) -> float:
+        """Return the smallest singular value of the scaled equations, estimated: about 0 in a family of cycles."""
+        with suppress(RuntimeError):  # singular to the last digit
+            factors = splu(self.matrix(path, step))
+            y = np.ones(factors.shape[0])
+            for _ in range(5):
+                y = factors.solve(factors.solve(y / np.linalg.norm(y)), trans="T")
+            return float(np.linalg.norm(y) ** -0.5) if np.isfinite(y).all() else 0.0
+        return 0.0
+
+
+def states_at(path: Path, f: Array, element: NDArray[np.int_], sigma: ArrayLike) -> Array:
+    """Return scaled states inside elements, sigma from 0 to 1, shape (len(sigma), n_states)."""
+    basis = _integrals(2 * np.asarray(sigma) - 1) @ TO_LEGENDRE / 2
+    return path.x[element] + path.h[element, None] * np.einsum("km,kms->ks", basis, f[element])

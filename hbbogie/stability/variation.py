@@ -1,0 +1,289 @@
+"""The variational equations along an orbit: state matrix, mesh aligned with contacts, transition matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.errors import ModelError
+from hbbogie.model.dynamics import solved_rates, state_of
+from hbbogie.model.elements import AttachedLaw
+from hbbogie.model.system import System
+from hbbogie.results import Orbit
+
+Array = NDArray[np.float64]
+
+# steps per period to choose from: a function is built for each number used
+SIZES = tuple(sorted(s * 2**k for s in (256, 384) for k in range(9)))
+STEP_TIMES_EIGENVALUE = 0.075
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """What the variational equations need of a system, built once.
+
+    Attributes
+    ----------
+    varying : ndarray of int, shape (m,)
+        The states on which the state matrix depends when every contact element stays on one line.
+    matrix : casadi.Function, (x[varying], lines, p) -> A
+        lines, shape (2 contacts,): slope and intercept of each.
+    measures : casadi.Function, (x[varying], lines, p) -> trace of A, norm of A
+    arguments : casadi.Function, p -> (du/dq, du/dv, u at rest)
+        The affine arguments u of the contacts, each output one row per contact.
+    """
+
+    varying: NDArray[np.int_]
+    matrix: ca.Function
+    measures: ca.Function
+    arguments: ca.Function
+
+
+def contacts_of(system: System) -> list[AttachedLaw]:
+    """Return the elements of piecewise-linear laws."""
+    return [e for e in system.elements if e.ramps is not None]
+
+
+def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, list[AttachedLaw]]:
+    """Return the first-order form with every contact on one of its lines: (q, v, lines, p, velocity, rates, contacts).
+
+    lines, shape (2 contacts,), are slope and intercept of each; the state is x = (q, v of the second-order
+    coordinates), and dx/dt = rates, whose first n entries are the velocity.
+    """
+    n, contacts = system.n, contacts_of(system)
+    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
+    lines = ca.SX.sym("lines", 2 * len(contacts))
+    forces = []
+    for e in system.elements:
+        u = e.argument(q, v, p)
+        i = 2 * contacts.index(e) if e in contacts else None
+        forces.append(e.force(u, p) if i is None else lines[i] * u + lines[i + 1])
+    r = system.residual_with_forces(q, v, a, ca.vertcat(*forces), p)
+    rates = solved_rates(system, r, v, a)
+    return q, v, lines, p, rates[:n], rates, contacts
+
+
+def _model(system: System) -> _Model:
+    q, v, lines, p, velocity, rates, contacts = on_lines(system)
+    x = state_of(system, q, v)
+    A = ca.jacobian(rates, x)
+    varying = sorted(set(ca.Function("A", [x, lines, p], [A]).jac_sparsity(0, 0).get_col()))
+    u = ca.vertcat(*(e.argument(q, v, p) for e in contacts)) if contacts else ca.SX(0, 1)
+    jumping = [i for i, e in enumerate(contacts) if e.heights is not None]
+    for i in jumping:
+        if ca.depends_on(contacts[i].argument(q, velocity, p), ca.vertcat(*(lines[2 * k + 1] for k in jumping))):
+            raise ModelError(
+                f"element {contacts[i].name!r}: its argument contains a rate that itself jumps with an element; let it "
+                "depend on states (coordinates, and velocities of coordinates with an acceleration)."
+            )
+    rest = ca.substitute(u, ca.vertcat(q, v), ca.SX.zeros(2 * system.n))
+    inputs = [x[varying], lines, p]
+    return _Model(
+        np.array(varying, dtype=int),
+        ca.Function("matrix", inputs, [A]),
+        ca.Function("measures", inputs, [ca.trace(A), ca.norm_fro(A)]),
+        ca.Function("arguments", [p], [ca.jacobian(u, q), ca.jacobian(u, v), rest]),
+    )
+
+
+def check_orbit(system: System, orbit: Orbit) -> None:
+    """Raise `ModelError` unless the orbit belongs to the system and its frequency makes sense."""
+    if orbit.coordinates != system.coordinate_names:
+        raise ModelError(
+            f"the orbit belongs to {orbit.system!r} with coordinates {', '.join(orbit.coordinates)}; the "
+            f"system {system.name!r} has {', '.join(system.coordinate_names)}. Give an orbit of the system."
+        )
+    if orbit.H and not (np.isfinite(orbit.omega) and orbit.omega > 0):
+        raise ModelError(f"the orbit's frequency is {orbit.omega!r} rad/s; it must be a finite number above 0.")
+
+
+class Waveform:
+    """An orbit as the variational equations see it: varying states and contact lines over the phase."""
+
+    def __init__(self, system: System, orbit: Orbit, p: Array):
+        self.system, self.omega, self.H, self.p = system, orbit.omega, orbit.H, p
+        self.model = system.once("variational model", lambda: _model(system))
+        c, rate = orbit.coefficients, orbit.omega * fourier.derivative(orbit.coefficients)
+        second = [i for i, s in enumerate(system.second_order) if s]
+        self.all_states = np.hstack([c, rate[:, second]])
+        self.x = self.all_states[:, self.model.varying]
+        dq, dv, rest = (m.full() for m in self.model.arguments(p))
+        self.u = c @ dq.T + rate @ dv.T  # Fourier coefficients of the contacts' arguments
+        self.u[0] += rest.ravel()
+        contacts = contacts_of(system)
+        self.ramps = [[m.full().ravel() for m in e.ramps(p)] for e in contacts]
+        self.directions = [np.array(e.directions, dtype=float) for e in contacts]
+        self.heights = [e.heights(p).full().ravel() if e.heights else np.zeros(len(e.directions)) for e in contacts]
+
+    def states(self, tau: Array) -> Array:
+        """Return the varying states at the phases tau, shape (len(tau), m)."""
+        return fourier.synthesis(self.H, tau) @ self.x if self.x.size else np.empty((len(tau), 0))
+
+    def lines(self, tau: Array) -> Array:
+        """Return slope and intercept of each contact at the phases tau, shape (len(tau), 2 contacts)."""
+        columns = []
+        u = fourier.synthesis(self.H, tau) @ self.u if self.ramps else self.u
+        for i, (offset, stiffness, k, threshold) in enumerate(self.ramps):
+            d = self.directions[i]
+            active = np.outer(u[:, i], d) > threshold
+            columns += [stiffness + active @ k, offset + active @ (d * (self.heights[i] - k * threshold))]
+        return np.column_stack(columns) if columns else np.empty((len(tau), 0))
+
+    def switchings(self, end: float = 2 * np.pi) -> Array:
+        """Return the phases from 0 to end at which a contact changes its line, increasing, rad."""
+        if not self.ramps:
+            return np.empty(0)
+        grid = fourier.phases(max(256, 32 * self.H))
+        grid = np.append(grid[grid < end - 1e-9], end)
+        # the first and the last phase of a period are one, whatever the rounding
+        E = fourier.synthesis(self.H, np.append(grid[:-1], end if end < 2 * np.pi else 0.0))
+        rate = fourier.derivative(self.u)
+        slope = E @ rate
+        # between turning points u is monotone: with them on the grid a short contact is not missed
+        k, column = np.nonzero(slope[:-1] * slope[1:] < 0)
+        turning = _roots(rate[:, column], np.zeros(len(k)), grid[k], grid[k + 1])
+        columns, levels, low, high = [], [], [], []
+        for i, (_, _, _, threshold) in enumerate(self.ramps):
+            nodes = np.r_[grid, turning[column == i]]
+            values = np.r_[E @ self.u[:, i], fourier.synthesis(self.H, turning[column == i]) @ self.u[:, i]]
+            order = np.argsort(nodes)
+            nodes, values = nodes[order], values[order]
+            for level in np.unique(self.directions[i] * threshold):
+                k = np.flatnonzero((values[:-1] < level) != (values[1:] < level))
+                columns.append(np.full(len(k), i))
+                levels.append(np.full(len(k), level))
+                low.append(nodes[k])
+                high.append(nodes[k + 1])
+        places = np.concatenate(columns)
+        found = _roots(self.u[:, places], np.concatenate(levels), np.concatenate(low), np.concatenate(high))
+        return np.unique(found)
+
+
+def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
+    """Return where each column of Fourier coefficients meets its level between low and high (safe Newton)."""
+    H, rate = fourier.highest(c), fourier.derivative(c)
+    # both ends: at one of them the level may be met to the last digit
+    fall = np.einsum("ij,ji->i", fourier.synthesis(H, low) - fourier.synthesis(H, high), c)
+    tau, falling = 0.5 * (low + high), fall > 0
+    for _ in range(60):
+        E = fourier.synthesis(H, tau)
+        f, slope = np.einsum("ij,ji->i", E, c) - level, np.einsum("ij,ji->i", E, rate)
+        before = (f > 0) == falling
+        low, high = np.where(before, tau, low), np.where(before, high, tau)
+        step = tau - np.divide(f, slope, out=np.full_like(f, np.inf), where=slope != 0)
+        new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        tau, moved = new, np.abs(new - tau)
+        if moved.max(initial=0.0) < 1e-13:  # round-off of a phase of 2 pi and of the series
+            break
+    return tau
+
+
+# --- mesh and integration ---------------------------------------------------------------------
+
+
+def mesh_of(waveform: Waveform, steps: int | None, *, half: bool = False) -> Array:
+    """Return the mesh phases over the period, or its first half, shape (N + 1,), with every switching among them.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    steps : int or None
+        Steps per period, also when only half of it is meshed; None chooses.
+    half : bool
+        Whether the mesh ends at pi instead of 2 pi.
+    """
+    end, parts = (np.pi, 2) if half else (2 * np.pi, 1)
+    switchings = waveform.switchings(end)
+    ends = np.r_[0.0, switchings[switchings < end - 1e-12], end]
+    ends = ends[np.r_[True, np.diff(ends) > 1e-12]]
+    lengths = np.diff(ends)
+    if steps is None:
+        fastest = _fastest_eigenvalue(waveform, 0.5 * (ends[:-1] + ends[1:]))
+        wanted = 2 * np.pi / waveform.omega * fastest / STEP_TIMES_EIGENVALUE
+        wanted = max(wanted, 10 * waveform.H, 4 * parts * len(lengths))
+        N = next((s for s in SIZES if s >= wanted), SIZES[-1]) // parts
+    else:
+        N = max(-(-int(steps) // parts), len(lengths))
+    counts = np.maximum(1, np.floor(N * lengths / end).astype(int))
+    while counts.sum() < N:
+        counts[np.argmax(lengths / counts)] += 1
+    while counts.sum() > N:
+        counts[np.argmin(np.where(counts > 1, lengths / counts, np.inf))] -= 1
+    pieces = [np.linspace(a, b, c, endpoint=False) for a, b, c in zip(ends, ends[1:], counts, strict=False)]
+    return np.append(np.concatenate(pieces), end)
+
+
+def _fastest_eigenvalue(waveform: Waveform, midpoints: Array) -> float:
+    """Return the largest eigenvalue modulus of A at the midpoints and where its norm is large [1/s]."""
+    system, model = waveform.system, waveform.model
+    tau = midpoints
+    if len(model.varying):
+        grid = fourier.phases(256)
+        norms = model.measures(waveform.states(grid).T, waveform.lines(grid).T, waveform.p)[1].full().ravel()
+        tau = np.r_[tau, grid[np.argsort(norms)[-16:]]]
+    x, lines = waveform.states(tau), waveform.lines(tau)
+    _, different = np.unique(np.hstack([x, lines]), axis=0, return_index=True)
+    stack = [model.matrix(x[i], lines[i], waveform.p).full() for i in different[:64]]
+    return float(np.abs(np.linalg.eigvals(np.reshape(stack, (-1, system.n_states, system.n_states)))).max())
+
+
+def _variation(system: System, model: _Model) -> ca.Function:
+    """Return the transition matrix over one interval, a function of (h, states at 3 phases, lines, p).
+
+    The varying states run through their values at start, middle and end of the interval, the only
+    places where the Runge-Kutta stages ask for them.
+    """
+    size, m = system.n_states, len(model.varying)
+    Phi, s, h = ca.SX.sym("Phi", size**2), ca.SX.sym("s"), ca.SX.sym("h")
+    start, middle, end = (ca.SX.sym(name, m) for name in ("start", "middle", "end"))
+    lines = ca.SX.sym("lines", model.matrix.size1_in(1))
+    p = ca.SX.sym("p", len(system.parameters))
+    x = (2 * s - 1) * (s - 1) * start + 4 * s * (1 - s) * middle + s * (2 * s - 1) * end
+    rate = h * ca.mtimes(model.matrix(x, lines, p), ca.reshape(Phi, size, size))
+    given = ca.vertcat(h, start, middle, end, lines, p)
+    problem = {"x": Phi, "t": s, "p": given, "ode": ca.vec(rate)}
+    options = {"number_of_finite_elements": 1, "simplify": True}
+    integrator = ca.integrator("variation", "rk", problem, 0.0, 1.0, options)
+    # expanded to scalar operations, which from the identity matrix is twice as fast
+    return ca.Function("transition", [given], [integrator(x0=ca.vec(ca.DM.eye(size)), p=given)["xf"]])
+
+
+def transitions_over(waveform: Waveform, mesh: Array) -> Array:
+    """Return the transition matrix of each interval, shape (N, n_states, n_states)."""
+    system, N = waveform.system, len(mesh) - 1
+    one = system.once("variation", lambda: _variation(system, waveform.model))
+    buffer, run = system.once(("variation", N), lambda: one.map(N)).buffer()
+    middle = 0.5 * (mesh[:-1] + mesh[1:])
+    x = waveform.states(mesh)
+    h = np.diff(mesh)[:, None] / waveform.omega
+    p = np.broadcast_to(waveform.p, (N, len(waveform.p)))
+    given = np.hstack([h, x[:-1], waveform.states(middle), x[1:], waveform.lines(middle), p])
+    out = np.empty((N, system.n_states, system.n_states))
+    # memory shared with CasADi, whose columns are the rows here: conversion would cost as much as the work
+    buffer.set_arg(0, given.data)
+    buffer.set_res(0, out.data)
+    run()
+    return out.transpose(0, 2, 1)
+
+
+def product(transitions: Array) -> Array:
+    """Return the product of the transition matrices, the last one leftmost."""
+    while len(transitions) > 1:
+        odd = transitions[len(transitions) // 2 * 2 :]
+        transitions = np.concatenate([transitions[1::2] @ transitions[: len(transitions) // 2 * 2 : 2], odd])
+    return np.asarray(transitions[0])
+
+
+def trace_integral(waveform: Waveform, mesh: Array) -> float:
+    """Return the integral of the trace of the state matrix over the mesh, by Simpson's rule on it."""
+    middle = 0.5 * (mesh[:-1] + mesh[1:])
+    lines, x = waveform.lines(middle).T, waveform.states(mesh).T
+    traces = [
+        waveform.model.measures(states, lines, waveform.p)[0].full().ravel()
+        for states in (x[:, :-1], waveform.states(middle).T, x[:, 1:])
+    ]
+    return float(np.diff(mesh) @ (traces[0] + 4 * traces[1] + traces[2]) / (6 * waveform.omega))

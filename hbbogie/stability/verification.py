@@ -1,0 +1,345 @@
+"""Verification: a cycle polished by multiple shooting, and the true errors of the one it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.errors import ModelError, positive
+from hbbogie.model.system import System
+from hbbogie.results import Orbit, Stability
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.stability.jumps import Passages, passages_along, passages_of
+from hbbogie.stability.multipliers import judge
+from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, Path, Pattern, Shooting, Step, states_at
+from hbbogie.stability.variation import Waveform, check_orbit, product
+
+Array = NDArray[np.float64]
+
+EITHER_SIDE = 1e-8  # rad; a contact is tested so far before and after its time
+ATTEMPTS = 5  # orders of contacts tried
+SAMPLES = 16  # intervals of an element in which contacts and peaks are looked for
+HARMONICS = (127, 255, 511)  # highest harmonic of a polished orbit, the first that resolves it
+RESOLVED = 1e-7  # tail of a resolved orbit
+TRUSTED = 1e-4  # largest error of the trivial multiplier and, relative to its size, of the logarithm of the determinant
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """A polished cycle, and how far the cycle it came from is from it.
+
+    Attributes
+    ----------
+    orbit : Orbit
+        The polished cycle, in phase with the given one, with its Floquet multipliers and the verdict. Its
+        frequency is as good as ``closure``; its Fourier series is cut off (see ``orbit.tail``).
+    amplitudes : dict of float, unit of the coordinate
+        Its peaks, the largest absolute value of each coordinate, not cut off.
+    omega_error : float, rad/s
+        Given frequency minus polished.
+    amplitude_errors : dict of float, unit of the coordinate
+        Given peak minus polished, by coordinate.
+    waveform_error : float
+        Largest distance of the two waveforms over the period, relative to the peak of the coordinate.
+    defect : float
+        Largest residual of the equations of motion along the given waveform, each equation relative to
+        the largest of its linear terms.
+    closure : float
+        Largest jump of a state, relative to its size, where the elements of the polished motion meet, when
+        each is integrated again in two halves.
+    trivial_error : float
+        Distance of the nearest multiplier from 1.
+    isolated : bool
+        False where the cycle is one of a continuous family; its errors then mean little.
+    status : str
+        How it ended, a sentence.
+    """
+
+    orbit: Orbit
+    amplitudes: dict[str, float]
+    omega_error: float
+    amplitude_errors: dict[str, float]
+    waveform_error: float
+    defect: float
+    closure: float
+    trivial_error: float
+    isolated: bool
+    status: str
+
+    @property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Floquet multipliers of the polished cycle, shape (n_states,), largest modulus first."""
+        return self.orbit.stability.multipliers if self.orbit.stability else np.empty(0, dtype=complex)
+
+
+def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verification:
+    """Polish a cycle by multiple shooting and measure the errors of the given one.
+
+    Parameters
+    ----------
+    system : System
+    orbit : Orbit
+        A cycle, stable or not, as by `solve`. The parameter values are those of the orbit.
+    tolerance : float
+        Largest local error of the polished motion, relative to the size of each state.
+
+    Returns
+    -------
+    Verification
+
+    Raises
+    ------
+    ModelError
+        When the orbit does not belong to the system, or is an equilibrium.
+    ConvergenceError
+        When shooting does not converge from the orbit, or no order of contacts agrees with the motion.
+
+    Notes
+    -----
+    Multiple shooting: the period is divided where contacts of piecewise-linear elements change their line,
+    and these times are unknowns, fixed by the contacts' own conditions; between them the motion is smooth.
+    There it is integrated by Gauss collocation of order 24, on elements made so short that the last
+    coefficients of their polynomials stay below the tolerance. Newton's method solves for the states where
+    elements meet and the durations at once, which also holds on to unstable and to stiff cycles; the
+    monodromy matrix is the product of the elements' transition matrices. Afterwards every contact is looked
+    for inside every element; where one was missed, the order of contacts is taken from the new motion.
+    Where an element jumps, the motion must pass: one that sticks ends in a `ConvergenceError`. The
+    monodromy matrix contains the jump matrices (eq-jump). A kink that is not an element costs many elements; a jump
+    that is not ends in a `ConvergenceError`.
+    """
+    _check(system, orbit)
+    tolerance = positive("tolerance", tolerance, "1")
+    try:
+        shooting, path, step = _closed(system, orbit, tolerance)
+    except ConvergenceError as error:
+        waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
+        _check_passing(passages_along(waveform, np.append(waveform.switchings(), 2 * np.pi)), orbit, error)
+        raise
+    passages = passages_of(shooting, path)
+    _check_passing(passages, orbit)
+    halves = shooting.linearise(shooting.split(path, step.f, np.full(len(path.x), 2)))
+    closure = max(float(np.abs(halves.gap).max()), float(np.abs(step.off).max(initial=0.0)))
+    omega = float(2 * np.pi / path.durations.sum())
+    amplitudes = _peaks(shooting, path, step)
+    ranges = np.ptp(_dense(shooting, path, step)[1][..., : system.n], axis=(0, 1))
+    given = np.subtract(*fourier.extremes(orbit.coefficients)[::-1])
+    share = float((ranges / np.maximum(given, 1e-9 * given.max())).max())
+    if share < 1e-2 or closure > max(1e3 * tolerance, 1e-9):
+        reason = f"the motion has shrunk to {share:.2g} of the orbit" if share < 1e-2 else f"closed to {closure:.2g}"
+        raise ConvergenceError(
+            f"system {system.name!r}: shooting did not end on a cycle ({reason}); the orbit is too far from one, or "
+            "there is none. Take more harmonics.",
+            orbit=orbit,
+        )
+    coefficients, distance = _aligned(shooting, path, step, orbit)
+    isolated = shooting.isolation(path, step) > SINGULAR
+    stability = _stability(shooting, path, step, passages)
+    status = _status(path, shooting, closure, distance, isolated)
+    changes = {"method": f"multiple shooting, {len(path.x)} elements", "residual": closure, "status": status}
+    polished = orbit.replace(coefficients=coefficients, omega=omega, stability=stability, **changes)
+    errors = {c: orbit.amplitude(c) - amplitudes[c] for c in orbit.coordinates}
+    numbers = (distance, defect(system, orbit), closure, stability.trivial_error)
+    return Verification(polished, amplitudes, orbit.omega - omega, errors, *numbers, isolated, status)
+
+
+def _check(system: System, orbit: Orbit) -> None:
+    """Raise `ModelError` unless the orbit is a cycle of the system."""
+    check_orbit(system, orbit)
+    if not np.isfinite(orbit.coefficients).all():
+        raise ModelError("the orbit has coefficients that are not finite; give a cycle that was solved for.")
+    if not orbit.H or not np.abs(orbit.coefficients[1:]).max() > 0:
+        raise ModelError("the orbit is an equilibrium, there is nothing to polish; give a cycle.")
+
+
+def _check_passing(passages: Passages, orbit: Orbit, error: ConvergenceError | None = None) -> None:
+    """Raise `ConvergenceError` where the motion sticks at a jump."""
+    if passages.sticking:
+        raise ConvergenceError(f"system {orbit.system!r}: {passages.sticking}.", orbit=orbit) from error
+
+
+def _status(path: Path, shooting: Shooting, closure: float, distance: float, isolated: bool) -> str:
+    contacts = len(shooting.pattern.contact)
+    status = f"closed to {closure:.1e} on {len(path.x)} elements with {contacts} contact(s) located"
+    if not isolated:
+        status += "; not isolated: a continuous family of cycles, as in a conservative system (or a fold); one "
+        status += "of it was taken, and the errors against it mean little"
+    if distance > 0.5:
+        status += f"; the given orbit is far from it, {distance:.2g} of the peak"
+    return status + "."
+
+
+def defect(system: System, orbit: Orbit) -> float:
+    """Return the largest residual of the equations of motion along an orbit's waveform.
+
+    Each equation is taken relative to the largest of its linear terms over the period.
+    """
+    p = system.vector(**orbit.parameters)
+    E = fourier.synthesis(orbit.H, fourier.phases(max(512, 32 * orbit.H)))
+    motion = [orbit.omega**k * E @ fourier.derivative(orbit.coefficients, k) for k in range(3)]
+    r = np.abs(system.residual(*(x.T for x in motion), p).full())
+    matrices = [np.abs(m(p).full()) for m in reversed(system.linear)]
+    size = np.max([(m[:, None] * np.abs(x)).max(axis=(1, 2)) for m, x in zip(matrices, motion, strict=True)], axis=0)
+    return float((r.max(axis=1) / np.where(size > 0, size, 1.0)).max())
+
+
+def _ramps(waveform: Waveform) -> tuple[NDArray[np.int_], Array, Array]:
+    """Return contact, direction and threshold of every ramp, each of shape (number of ramps,)."""
+    owner = [np.full(len(d), i) for i, d in enumerate(waveform.directions)]
+    direction = np.concatenate([*waveform.directions, np.empty(0)])
+    threshold = np.concatenate([*(ramp[3] for ramp in waveform.ramps), np.empty(0)])
+    return np.concatenate([*owner, np.empty(0)]).astype(int), direction, threshold
+
+
+def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
+    """Return the order of contacts along a waveform, and which ramps are active, shape (S, number of ramps)."""
+    owner, direction, threshold = _ramps(waveform)
+    levels = direction * threshold
+    pairs = np.unique(np.column_stack([owner, levels]), axis=0)
+    events: list[tuple[float, int, float]] = []
+    for tau in waveform.switchings():
+        if events and tau - events[-1][0] < EITHER_SIDE:
+            continue  # contacts at the same time are all found at the first
+        before, after = fourier.synthesis(waveform.H, tau + EITHER_SIDE * np.array([-1.0, 1.0])) @ waveform.u
+        events += [(tau, int(i), g) for i, g in pairs if (before[int(i)] < g) != (after[int(i)] < g)]
+    starts = np.array([e[0] for e in events] or [0.0])
+    lengths = np.diff(np.append(starts, starts[0] + 2 * np.pi))
+    S, first = len(starts), int(np.argmax(lengths))
+    state = np.zeros(len(owner), dtype=bool)
+    if len(owner):
+        u = (fourier.synthesis(waveform.H, starts[first] + lengths[first] / 2) @ waveform.u)[0]
+        state = direction * u[owner] > threshold
+    active = np.tile(state, (S, 1))
+    for k in range(first + 1, first + 1 + len(events)):  # all round, back to where it began
+        _, i, g = events[k % S]
+        state = state ^ ((owner == i) & (levels == g))
+        if k < first + S:
+            active[k % S] = state
+    if (state != active[first]).any():
+        raise ConvergenceError(
+            f"system {waveform.system.name!r}: the contacts along the orbit do not close (one lasts less than "
+            f"{EITHER_SIDE:g} rad, or grazes); take more harmonics."
+        )
+    columns = [np.empty((S, 0))]
+    for i, (offset, stiffness, k_, g_) in enumerate(waveform.ramps):
+        on, heights = active[:, owner == i], waveform.directions[i] * (waveform.heights[i] - k_ * g_)
+        columns.append(np.column_stack([stiffness + on @ k_, offset + on @ heights]))
+    contact, level = np.array([e[1] for e in events], dtype=int), np.array([e[2] for e in events])
+    return Pattern(starts, lengths, contact, level, np.hstack(columns)), active
+
+
+def _closed(system: System, orbit: Orbit, tolerance: float) -> tuple[Shooting, Path, Step]:
+    """Return the closed motion with an order of contacts that agrees with it."""
+    guess, p = orbit, system.vector(**orbit.parameters)
+    for _ in range(ATTEMPTS):
+        waveform = Waveform(system, guess, p)
+        pattern, active = pattern_of(waveform)
+        shooting = Shooting(system, guess, pattern)
+        path, step = shooting.close(tolerance)
+        backwards = float(-(path.durations / path.durations.sum()).min())  # contacts in the wrong order
+        wrong = max(_missed(shooting, waveform, active, path, step), backwards)
+        if wrong <= max(1e-9, 10 * tolerance):
+            return shooting, path, step
+        c = _coefficients(shooting, path, step, 0.0, HARMONICS[0])
+        guess = orbit.replace(coefficients=c, omega=float(2 * np.pi / path.durations.sum()))
+    raise ConvergenceError(
+        f"system {system.name!r}: no order of contacts agrees with the motion that has it (a contact is missed by "
+        f"{wrong:.2g} of its range or of the period; grazing?). Take more harmonics, or other parameters.",
+        orbit=orbit,
+    )
+
+
+def _dense(shooting: Shooting, path: Path, step: Step) -> tuple[Array, Array]:
+    """Return sigma, shape (SAMPLES + 1,), and the states there, shape (N, SAMPLES + 1, n_states)."""
+    N, sigma = len(path.x), np.linspace(0, 1, SAMPLES + 1)
+    x = states_at(path, step.f, np.repeat(np.arange(N), len(sigma)), np.tile(sigma, N)) * shooting.scale
+    return sigma, x.reshape(N, len(sigma), -1)
+
+
+def _missed(shooting: Shooting, waveform: Waveform, active: NDArray[np.bool_], path: Path, step: Step) -> float:
+    """Return how far a contact is on the wrong side of a level inside an element, relative to its range."""
+    owner, direction, threshold = _ramps(waveform)
+    if not len(owner):
+        return 0.0
+    sigma, x = _dense(shooting, path, step)
+    lines = shooting.pattern.lines[np.repeat(path.segment, len(sigma))]
+    u = shooting.arguments(x.reshape(-1, x.shape[-1]).T, lines.T, shooting.p)[0].full()
+    u = u.reshape(-1, len(x), len(sigma))
+    bend, rise = u[..., 2:] - 2 * u[..., 1:-1] + u[..., :-2], u[..., 2:] - u[..., :-2]
+    inside = np.abs(rise) < 2 * np.abs(bend)  # the parabola through three samples has its extreme between them
+    peak = u[..., 1:-1] - np.divide(rise**2, 8 * bend, out=np.zeros_like(bend), where=inside)
+    span = np.maximum(np.abs(u).max(axis=(1, 2)), np.finfo(float).tiny)[owner]
+    beyond = direction[:, None, None] * np.concatenate([u, peak], axis=-1)[owner] - threshold[:, None, None]
+    wrong = np.where(active[path.segment].T[..., None], -beyond, beyond)
+    return float((wrong.max(axis=(1, 2)) / span).max())
+
+
+def _sampled(shooting: Shooting, path: Path, f: Array, phases: Array) -> Array:
+    """Return the coordinates at phases counted from the beginning of the path, shape (len(phases), n)."""
+    ends = np.cumsum(path.h)
+    t = np.mod(phases, 2 * np.pi) / (2 * np.pi) * ends[-1]
+    e = np.minimum(np.searchsorted(ends, t, side="right"), len(ends) - 1)
+    h = path.h[e]
+    sigma = np.divide(t - (ends - path.h)[e], h, out=np.zeros_like(t), where=h > 0)
+    return (states_at(path, f, e, sigma) * shooting.scale)[:, : shooting.system.n]
+
+
+def _coefficients(shooting: Shooting, path: Path, step: Step, tau: float, H: int) -> Array:
+    """Return the Fourier coefficients with the time origin tau [rad] after the beginning, shape (2 H + 1, n)."""
+    N = 16 * (H + 1)
+    c = np.fft.rfft(_sampled(shooting, path, step.f, tau + fourier.phases(N)), axis=0)[: H + 1] / N
+    out = np.empty((2 * H + 1, c.shape[1]))
+    out[0], out[1::2], out[2::2] = c[0].real, 2 * c[1:].real, -2 * c[1:].imag
+    return out
+
+
+def _aligned(shooting: Shooting, path: Path, step: Step, orbit: Orbit) -> tuple[Array, float]:
+    """Return the coefficients in phase with an orbit, and the distance from it relative to the peaks."""
+    b = _coefficients(shooting, path, step, 0.0, max(orbit.H, 15))
+    a, h = fourier.resize(orbit.coefficients, max(orbit.H, 15)), np.arange(1, max(orbit.H, 15) + 1)
+    peak = np.maximum(np.abs(fourier.extremes(b)).max(axis=0), np.finfo(float).tiny)
+    first, second = ((c[1::2] - 1j * c[2::2]) / peak for c in (a, b))
+    W = (first.conj() * second).sum(axis=1)
+    grid = fourier.phases(32 * len(h))
+    tau = grid[np.argmax((np.exp(1j * np.outer(grid, h)) @ W).real)]
+    for _ in range(6):  # Newton's method for the largest correlation
+        turned = W * np.exp(1j * h * tau)
+        tau += (1j * h * turned).sum().real / (h**2 * turned).sum().real
+    phases = fourier.phases(max(512, 16 * orbit.H))
+    gap = fourier.synthesis(orbit.H, phases) @ orbit.coefficients - _sampled(shooting, path, step.f, tau + phases)
+    for H in HARMONICS:
+        c = _coefficients(shooting, path, step, tau, H)
+        if np.abs(c[-8:]).max() <= RESOLVED * np.abs(c[1:]).max():
+            break
+    moving = peak > 1e-12 * peak.max()
+    return c, float((np.abs(gap).max(axis=0) / peak)[moving].max())
+
+
+def _peaks(shooting: Shooting, path: Path, step: Step) -> dict[str, float]:
+    """Return the largest absolute value of each coordinate, by the roots of its rate in the elements near it."""
+    _, x = _dense(shooting, path, step)
+    peaks = {}
+    for i, name in enumerate(shooting.system.coordinate_names):
+        largest = np.abs(x[..., i]).max(axis=1)
+        found = float(largest.max())
+        for e in {(int(np.argmax(largest)) + k) % len(x) for k in (-1, 0, 1)}:
+            roots = legendre.legroots(legendre.legtrim(TO_LEGENDRE @ step.f[e, :, i]))
+            roots = np.real(roots[(np.abs(np.imag(roots)) < 1e-9) & (np.abs(np.real(roots)) <= 1)])
+            values = states_at(path, step.f, np.full(len(roots), e), (roots + 1) / 2)[:, i] * shooting.scale[i]
+            found = max(found, float(np.abs(values).max(initial=0.0)))
+        peaks[name] = found
+    return peaks
+
+
+def _stability(shooting: Shooting, path: Path, step: Step, passages: Passages) -> Stability:
+    """Return multipliers and verdict from the transition matrices of the elements and those of the jumps."""
+    if passages.corner:
+        none = np.full(step.gap.shape[1], np.nan, dtype=complex)
+        return Stability("unknown", none, float("nan"), 0, f"{passages.corner}.")
+    transitions = passages.inserted(step.transitions)
+    log_det, trace = float(np.linalg.slogdet(transitions)[1].sum()), shooting.trace(path) + passages.log_determinant
+    found = judge(product(transitions), 1, log_det, trace, TRUSTED)
+    return replace(found, mode=None)  # it is that of scaled states, at the path's beginning and not at phase 0

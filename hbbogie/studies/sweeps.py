@@ -1,0 +1,221 @@
+"""The verb `sweep`: a job at many points, on any executor, into a store, with failures as rows."""
+
+from __future__ import annotations
+
+import concurrent.futures as cf
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import chdir
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from hbbogie.errors import ModelError, positive
+from hbbogie.model.problem import default_interval, load_problem
+from hbbogie.model.system import System
+from hbbogie.parallel.processes import interruptions
+from hbbogie.progress import Progress, silent
+from hbbogie.studies.dataset import dataset_of, describe_units
+from hbbogie.studies.fingerprints import versions
+from hbbogie.studies.jobs import JOBS, Outputs, job_function, wrong_option
+from hbbogie.studies.runners import runner_of
+from hbbogie.studies.running import drive
+from hbbogie.studies.sampling import Points, as_points
+from hbbogie.studies.store import Store
+from hbbogie.studies.tasks import Task
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@interruptions(raising=True)  # counted from here on: CasADi loses the exception while the system is built, too
+def sweep(
+    job: str | Callable[..., Outputs],
+    points: Points | Mapping[str, Any] | Sequence[Mapping[str, float]],
+    *,
+    problem: str | System,
+    values: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
+    store: str | Path | None = None,
+    resume: bool = False,
+    retry_failed: bool = False,
+    accept_changes: bool = False,
+    limit: float | None = None,
+    executor: cf.Executor | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Do a job at many parameter points.
+
+    Every point has its row in the result, also one that failed: its ``failed`` is true and its ``status`` says why.
+    A script that calls this with local worker processes does so below ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    job : str or callable
+        "critical", "cycles", "branch", "compare", "file.py:function", or a function ``(system, **options)`` -> dict of
+        numbers and text, among them if need be ``status``, a sentence, and ``failed``.
+    points : Points, mapping or sequence of mappings
+        From `hbbogie.studies.grid`, `latin_hypercube`, `sobol`, ...; a mapping from name to values is a grid, a
+        sequence of mappings a list.
+    problem : str or System
+        Name of a shipped problem, path of a problem file, or a system.
+    values : mapping, optional
+        Parameter values common to all points, by name, in the unit of each.
+    options : mapping, optional
+        Keywords of the job.
+    store : str or path, optional
+        SQLite file to which every finished point goes at once. Without it the results are in memory only.
+    resume : bool
+        Whether to go on with an existing store; only what is missing is computed.
+    retry_failed : bool
+        Whether to compute failed points anew when resuming.
+    accept_changes : bool
+        Whether to go on though the problem, the job, its options or the points have changed. What was finished at
+        points with the same values is kept; the attribute ``changes`` of the result says what changed and when, and
+        ``finished`` which rows are older.
+    limit : float, optional, s
+        Longest time for one point, which then is a failed row; for points in the main thread of a process, as those of
+        the local pool are, and not on Windows.
+    executor : concurrent.futures.Executor, optional
+        Where to run; it is not shut down. A pool of local processes, each with one BLAS thread, where left out.
+    workers : int, optional
+        Processes of the local pool, as many as there are cores where left out; 0 runs in this process.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as "tcp://host:8786", to run there.
+    progress : callable, optional
+        Called with (message, fraction done).
+
+    Returns
+    -------
+    xarray.Dataset
+        Along "point": inputs as coordinates, outputs, ``status``, ``failed``, ``seconds``; attributes say what
+        problem, job, seed and versions.
+
+    Raises
+    ------
+    ModelError
+        For wrong input, before any work starts.
+    KeyboardInterrupt
+        At Ctrl-C, after the points in flight have been stored.
+
+    Examples
+    --------
+    ``sweep("critical", {"lam": [0.04, 0.05], "K2": [8e6, 10e6]}, problem="yang1995", store="map.db")``
+    """
+    chosen = as_points(points)
+    task = task_of(job, problem, values, options)
+    if limit is not None:
+        task = replace(task, limit=positive("limit", limit, "s"))
+    system, function = task.system(), task.function
+    chosen = chosen.of_system(system)
+    if sum(x is not None for x in (executor, workers, scheduler)) > 1:
+        raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
+    if workers is not None and (not isinstance(workers, int) or workers < 0):
+        raise ModelError(f"sweep: workers = {workers!r}; give a whole number, 0 for this process.")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ModelError(f"sweep: executor = {executor!r}; give a concurrent.futures.Executor.")
+    begun = store is not None and Path(store).exists()
+    keep = _opened(task, chosen, store, resume, accept_changes)
+    try:
+        if retry_failed:
+            keep.forget_failed()
+        describe_units(keep, system, function)
+        try:
+            with chdir("."), runner_of(task, executor, workers, scheduler) as runner:  # a job may go elsewhere
+                drive(runner, keep, progress or silent)
+        finally:
+            describe_units(keep, system, function)
+        return dataset_of(keep)
+    except ModelError:
+        empty = not begun and not keep.outcomes()  # refused, with nothing to go on with
+        keep.close()
+        if store is not None and empty:
+            Path(store).unlink(missing_ok=True)
+        raise
+    finally:
+        keep.close()
+
+
+def task_of(
+    job: str | Callable[..., Outputs],
+    problem: str | System,
+    values: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Task:
+    """Return the task, with the problem's own parameter and range for the jobs that ask for them."""
+    if wrong := wrong_option(job_function(job), options or {}):
+        raise ModelError(wrong[1])
+    module = ModuleType("none")
+    if isinstance(problem, str):
+        module = load_problem(problem)
+        problem = str(module.__file__) if problem.endswith(".py") else problem
+    task = Task(problem, job, dict(values or {}), dict(options or {}))
+    if not isinstance(job, str) or job not in JOBS:
+        return task
+    parameter, interval = default_interval(module, task.system(), task.options.get("parameter"))
+    return replace(task, options={"parameter": parameter, "interval": list(interval), **task.options})
+
+
+def _opened(task: Task, points: Points, path: str | Path | None, resume: bool, accept: bool) -> Store:
+    """Return the store, new or checked against what is asked for."""
+    about: dict[str, Any] = {
+        "problem": task.problem.name if isinstance(task.problem, System) else task.problem,
+        "job": task.job_name,
+        "values": dict(task.values),
+        "options": dict(task.options),
+        "fingerprints": task.fingerprints(),
+        "versions": versions(),
+    }
+    if path is None or not Path(path).exists():
+        return Store.create(path, points, about)
+    if not resume:
+        p = Store.read(path)
+        state = p.progress()
+        p.close()
+        raise ModelError(
+            f"{str(path)!r} exists, with {state.done} of {state.total} points finished; go on with resume=True "
+            "(--resume), or give another store."
+        )
+    keep = Store.open(path)
+    try:
+        changes = _changes(keep, about, points)
+        if changes and not accept:
+            raise ModelError(
+                f"{str(path)!r} was begun with {'; '.join(changes)}. What is in it is not what is asked for now: "
+                "give another store, or accept_changes=True (--accept-changes) to keep what is finished."
+            )
+        if changes:
+            keep.replace_points(points)
+            now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+            about["changes"] = [*keep.about().get("changes", []), {"accepted": now, "what": changes}]
+        keep.describe(about)
+    except BaseException:
+        keep.close()
+        raise
+    return keep
+
+
+def _changes(keep: Store, about: Mapping[str, Any], points: Points) -> list[str]:
+    """Return what differs between a store and what is asked for, as sentences."""
+    before = keep.about()
+    old, new = before["fingerprints"], about["fingerprints"]
+    found = [
+        f"another {name} (hash {old.get(name)}, now {new[name]})"
+        for name in ("problem", "job")
+        if old.get(name) != new[name]
+    ]
+    if old.get("options") != new["options"]:
+        found.append(f"other options of the job ({old.get('options')}, now {new['options']})")
+    kept = keep.points()
+    same = kept.names == points.names and kept.values.shape == points.values.shape
+    if not same or (kept.values != points.values).any():
+        found.append(
+            f"other points ({len(kept)} of {', '.join(kept.names)}, now {len(points)} of {', '.join(points.names)})"
+        )
+    casadi = before["versions"]["casadi"], about["versions"]["casadi"]
+    if found and casadi[0] != casadi[1]:
+        found.append(f"CasADi {casadi[0]}, now {casadi[1]}, which alone may change the hash of the problem")
+    return found
