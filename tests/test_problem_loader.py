@@ -69,7 +69,7 @@ def test_the_installed_copy_comes_before_the_checkout(tmp_path, monkeypatch):
     (package / "problems").mkdir(parents=True)
     write(package / "problems", GOOD, "wheel_only.py")
     write(package / "problems", "", "_hidden.py")
-    monkeypatch.setattr(problem, "__file__", str(package / "problem.py"))
+    monkeypatch.setattr(problem, "__file__", str(package / "model" / "problem.py"))
     assert shipped_problems() == ("wheel_only",)
     assert load_problem("wheel_only").__name__ == "hbbogie_problem_wheel_only"
     monkeypatch.delitem(sys.modules, "hbbogie_problem_wheel_only")

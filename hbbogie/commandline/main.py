@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from hbbogie.commandline import methods, motion, study  # noqa: F401  # each adds its commands
 from hbbogie.commandline.app import (
     FIGURES,
     AsJson,
