@@ -162,9 +162,9 @@ def optimise(
     harmonics : int
         Highest harmonic of the cycles.
     starts : int
-        Number of searches; the second and further ones begin at random designs within the bounds.
+        Number of searches; the second and further ones begin at a Latin hypercube of designs within the bounds.
     seed : int
-        Of the random designs.
+        Of the hypercube.
     iterations : int
         At most, of each search.
     tolerance : float
@@ -194,17 +194,16 @@ def optimise(
     --------
     ``optimise(bogie, raise_="V", over={"K1": (2e6, 5e6), "K2": (5e6, 15e6)})``
     """
+    from scipy.stats import qmc
+
     if not isinstance(over, Mapping) or any(np.shape(pair) != (2,) for pair in over.values()):
         raise ModelError(f"optimise: over={over!r}; give a pair of bounds for each name, such as {{'K1': (2e6, 5e6)}}.")
     if not (isinstance(starts, int | np.integer) and starts >= 1):
         raise ModelError(f"optimise: starts={starts!r}; give a whole number from 1.")
     task = Task(system, raise_, dict(over), tuple(subject_to), maximise, minimise, interval, harmonics, progress)
     before = task.before()
-    rng = np.random.default_rng(seed)
-    # Latin hypercube: each of the random starts has a slice of every parameter to itself
-    slices = rng.permuted(np.tile(np.arange(starts - 1.0), (len(task.names), 1)), axis=1).T
     first = (system.vector()[task.places] - task.low) / task.width
-    designs = [np.clip(first, 0, 1), *((slices + rng.random(slices.shape)) / max(starts - 1, 1))]
+    designs = [np.clip(first, 0, 1), *qmc.LatinHypercube(len(task.names), rng=seed).random(starts - 1)]
     found: list[Minimum[DesignPoint] | None] = []
     told: list[Start] = []
     for k, x in enumerate(designs):
