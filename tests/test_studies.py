@@ -28,8 +28,8 @@ from hbbogie.studies import (
     named_distribution,
     prediction,
     sobol_indices,
-    unit_factor,
 )
+from hbbogie.units import unit_factor
 
 
 @pytest.fixture(scope="module")
@@ -538,6 +538,13 @@ class TestReport:
         """The fold is -a^2 / 4, whatever the frequency."""
         found = sobol_indices(data, "fold")
         assert found.total[1] == pytest.approx(0.0, abs=1e-12) and found.total[0] == pytest.approx(1.0, abs=0.35)
+
+    def test_figures_of_large_forces(self):
+        """The distribution stays in the unit that its thresholds are in."""
+        data = xr.Dataset({"F": ("point", np.array([1.0, 2.0, 3.0]) * 1e6, {"units": "N"})})
+        ax = plot.distribution(data, "F", [(2e6, "allowed")])
+        assert ax.get_xlabel() == "F [N]" and ax.get_xlim()[0] < 2e6 < ax.get_xlim()[1]
+        assert plot.sample_scatter(data, "F", "F").get_xlabel() == "F [MN]"
 
     def test_rank_correlation_with_ties_is_by_mid_ranks(self):
         """Spearman's definition: the correlation of ranks, of equal values the mean of the ranks they share."""
