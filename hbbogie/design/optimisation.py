@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbbogie.design.criteria import Limit, Quantity
-from hbbogie.design.minimax import FAILURES, Minimum
+from hbbogie.design.minimax import Minimum
 from hbbogie.design.point import DesignPoint
-from hbbogie.design.task import Progress, Task
+from hbbogie.design.task import Task
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.progress import Progress, silent
+from hbbogie.results.failure import FAILURES, ConvergenceError
 
 FEASIBLE = 1e-6  # sum of the relative violations up to which a design counts as keeping its limits
 
@@ -140,7 +141,7 @@ def optimise(
     seed: int = 0,
     iterations: int = 60,
     tolerance: float = 1e-6,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Design:
     """Choose parameters within bounds so that the smallest critical value of a parameter is as high as it can be.
 
@@ -169,7 +170,7 @@ def optimise(
         At most, of each search.
     tolerance : float
         Largest entry of the scaled gradient of the Lagrangian.
-    progress : callable, optional
+    progress : callable
         Called with (message, fraction done or None).
 
     Returns
