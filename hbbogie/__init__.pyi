@@ -22,6 +22,7 @@ from .critical.folds import fold as fold
 from .critical.speeds import critical_speeds as critical_speeds
 from .design.identification import identify as identify
 from .design.optimisation import optimise as optimise
+from .equilibria.find import find_equilibria as find_equilibria
 from .equilibria.hopf import hopf_points as hopf_points
 from .errors import ModelError as ModelError
 from .methods.describing_balance import DescribingFunction as DescribingFunction
