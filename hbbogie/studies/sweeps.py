@@ -103,7 +103,11 @@ def sweep(
 
     Examples
     --------
-    ``sweep("critical", {"lam": [0.04, 0.05], "K2": [8e6, 10e6]}, problem="yang1995", store="map.db")``
+    The fold of this system lies at mu = -a^2/4.
+
+    >>> data = sweep("critical", {"a": [0.5, 1.0]}, problem="bautin", workers=0)
+    >>> [round(float(fold), 6) for fold in data["fold"]]
+    [-0.0625, -0.25]
     """
     chosen = as_points(points)
     task = task_of(job, problem, values, options)
