@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hbbogie.critical.folds import Critical
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.critical.lowest import _all, _lowest, _warm
@@ -17,8 +14,6 @@ from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 
 Outputs = dict[str, Any]
-Array = NDArray[np.float64]
-FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's are among the first
 SEARCHES = ("lowest", "all", "warm")
 
 

@@ -177,7 +177,7 @@ def _opened(task: Task, points: Points, path: str | Path | None, resume: bool, a
         return Store.create(path, points, about)
     if not resume:
         p = Store.read(path)
-        state = p.progress()
+        state = p.counts()
         p.close()
         raise ModelError(
             f"{str(path)!r} exists, with {state.done} of {state.total} points finished; go on with resume=True "
