@@ -29,7 +29,7 @@ from hbbogie.commandline.application import (
 def compare(
     name: Problem,
     methods: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Methods, separated by commas: df1, df2, or mhb with a harmonic, as in mhb15.")
+        str | None, typer.Option(metavar="LIST", help="Methods, separated by commas, such as df1,df2,mhb15.")
     ] = None,
     values: Annotated[
         str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
@@ -129,7 +129,7 @@ def chart(
 
 
 DesignFile = Annotated[
-    str, typer.Argument(metavar="NAME", help="Name of a shipped problem with a design, or path of a file (.py) or folder.")
+    str, typer.Argument(metavar="NAME", help="Shipped problem with a design, or path of a file (.py) or folder.")
 ]
 
 

@@ -35,7 +35,7 @@ def basin(
     along: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME=VALUE,...", help="Direction of the initial states; by default the shape of the unstable cycle."
+            metavar="NAME=VALUE,...", help="Direction of the initial states; by default that of the unstable cycle."
         ),
     ] = None,
     largest: Annotated[

@@ -18,16 +18,14 @@ if TYPE_CHECKING:
 
 QUIET = 30.0  # s between two lines of progress where there is no terminal
 
-study = typer.Typer(
-    help="Studies: one job at many parameter points, which can be resumed.", no_args_is_help=True
-)
+study = typer.Typer(help="Studies: one job at many parameter points, which can be resumed.", no_args_is_help=True)
 app.add_typer(study, name="study")
 
 File = Annotated[
     str, typer.Argument(metavar="FILE", help="Study file (.toml), name of a shipped study, or a store (.db).")
 ]
 StorePath = Annotated[
-    Path | None, typer.Option("--store", metavar="PATH", help="The study's store; by default STEM.db in this directory.")
+    Path | None, typer.Option("--store", metavar="PATH", help="Store of the study; by default STEM.db here.")
 ]
 Count = Annotated[
     int | None, typer.Option("--points", min=1, metavar="N", help="About N points instead of the number in the file.")
@@ -56,11 +54,9 @@ def run(
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Go on although problem, job or points have changed.")
     ] = False,
-    limit: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Longest time for one point; one that takes longer has failed.")
-    ] = None,
+    limit: Annotated[float | None, typer.Option(metavar="SECONDS", help="Time after which a point has failed.")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for the report; by default none is written.")
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for a report; by default none.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
