@@ -3,6 +3,7 @@ from . import branches as branches
 from . import critical as critical
 from . import design as design
 from . import equilibria as equilibria
+from . import exact as exact
 from . import methods as methods
 from . import model as model
 from . import motion as motion
