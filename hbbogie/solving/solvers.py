@@ -99,7 +99,7 @@ def solve(
     equations : Equations
         From `HarmonicBalance(...).equations(system)` or another method.
     guess : Orbit
-        Where the search begins; its parameter values are not used, but for that of ``free``.
+        Where the search begins. Its parameter values are not used, except that of ``free``.
     free : str, or sequence of str, optional
         Name of the parameter to be found, which asks for ``amplitude``; or names of those over which to minimise.
     amplitude : mapping of one coordinate name to float, optional
