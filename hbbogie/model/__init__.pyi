@@ -20,3 +20,6 @@ from .ramps import Ramps as Ramps
 from .symbols import Coordinate as Coordinate
 from .symbols import Parameter as Parameter
 from .system import System as System
+from .singular import poles as poles
+from .singular import singular_terms as singular_terms
+from .singular import without_poles as without_poles

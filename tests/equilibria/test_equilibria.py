@@ -10,7 +10,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.equilibria import eigenpairs, matched
-from hbbogie.model.singular import poles, singular_terms, without_poles
+from hbbogie.model import poles, singular_terms, without_poles
 
 C, P = hb.Coordinate, hb.Parameter
 POSITIVE = (0.0, np.inf)
