@@ -23,8 +23,9 @@ from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results import Chart, ChartPoint, CriticalCurve, SpecialPoint
+from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES
-from hbbogie.solving.arclength import CLOSED, STUCK, Point
+from hbbogie.solving.arclength import Point
 from hbbogie.units import label
 
 Array = NDArray[np.float64]
@@ -177,7 +178,7 @@ class _Search:
                 options: dict[str, Any] = {"families": False, "stability": False, "max_points": most}
                 branch = trace(equations, hopf, name, self.span, **options)
                 folds = branch.folds()
-                if branch.ends[1].startswith("the largest number"):
+                if branch.ends[1].kind == "points":
                     self.notes.append(
                         f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g} was cut off "
                         f"after {most} points: folds farther along it are not found."
@@ -202,7 +203,7 @@ class _Search:
         while point is not None and len(pieces) <= CORNERS:
             pieces.append(follow(curve, point, FOLD_TESTS, (), self.longest))
             last = pieces[-1].points[-1]
-            stuck = pieces[-1].ends[1] == STUCK and self._onset_near(plane(curve, last)) is None
+            stuck = pieces[-1].ends[1].kind == "stuck" and self._onset_near(plane(curve, last)) is None
             point = curve.beyond(last) if stuck else None
         return pieces
 
@@ -243,7 +244,7 @@ class _Search:
             )
         for curve in (*folds, *hopf):
             kind = {"fold": "folds", "hopf": "Hopf points"}[curve.kind]
-            self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if not end.startswith(EXPECTED)]
+            self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if end.kind not in EXPECTED]
         texts = [f"{system.parameter(n).description} {n}".strip() for n in self.names]
         special = [
             p
@@ -280,11 +281,12 @@ class _Search:
         slope = [state.slope for state in found.states]
         error = [point.error for point in found.points]
         for at in (0, -1):
-            near = None if ends[at].startswith((CLOSED, CHART_ENDS)) else self._onset_near(planes[at])
+            near = None if ends[at].kind in ("closed", "interval") else self._onset_near(planes[at])
             if near is None:
                 continue
             where = 0 if at == 0 else len(planes)
-            ends[at] = f"it ends on a curve of Hopf points, where the onset changes, {self.names[1]} = {near[0][2]:.6g}"
+            place = f"{self.names[1]} = {near[0][2]:.6g}"
+            ends[at] = Ending("onset", f"it ends on a curve of Hopf points, where the onset changes, {place}")
             planes = np.insert(planes, where, near[0], axis=0)
             for values, value in ((character, character[at]), (slope, near[1]), (error, 0.0)):
                 values.insert(where, value)  # type: ignore[arg-type]
@@ -306,8 +308,7 @@ class _Search:
         return special
 
 
-CHART_ENDS = "the end of the chart"
-EXPECTED = (CHART_ENDS, CLOSED, "it ends on")
+EXPECTED = ("interval", "closed", "onset")  # endings that need no note
 MEANING = {
     "cusp": "two curves of folds meet and end",
     "turning point": "the curve turns back in {}",
