@@ -213,11 +213,12 @@ def _located(
     if found is None:
         return None
     at, error = probes_at[id(found[0])], found[1]
-    if not abs(at.value(kind)) <= max(ZERO * min(map(abs, ends)), 1e-9):
+    # next to a crossing branch a point may be off its own by the root of what is tolerated
+    off = curve.tolerance**0.5 if kind == "branching" else 0.0
+    if not abs(at.value(kind)) <= max(ZERO * min(map(abs, ends)), off, 1e-9):
         return None
-    if kind == "branching":  # next to a crossing branch a point may be off its own by the root of what is tolerated
-        error += float(np.sqrt(curve.tolerance))
-    else:
+    error += off
+    if kind != "branching":
         error += at.point.error / abs(curve.branching(at.point))
     if kind in ("flip", "torus") and (stability := at.orbit.stability) is not None:
         others = float(np.prod(np.sort(np.abs(at.factors(str(kind))))[1:]))
