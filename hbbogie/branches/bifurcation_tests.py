@@ -59,7 +59,7 @@ class Probe:
     def value_error(self) -> float:
         """By how much the parameter of the point may be off, by what is left of the equations and round-off."""
         left = float(np.linalg.norm(self.point.residual) + np.finfo(float).eps)
-        return left / abs(self.curve.branching(self.point)) * float(self.curve.scale[-1])
+        return self.curve.inaccuracy(self.point, left) * float(self.curve.scale[-1])
 
     @property
     def half(self) -> bool | None:

@@ -219,7 +219,7 @@ def _located(
         return None
     error += off
     if kind != "branching":
-        error += at.point.error / abs(curve.branching(at.point))
+        error += curve.inaccuracy(at.point, at.point.error)
     if kind in ("flip", "torus") and (stability := at.orbit.stability) is not None:
         others = float(np.prod(np.sort(np.abs(at.factors(str(kind))))[1:]))
         slope = abs(ends[1] - ends[0]) / distance(curve, probes[i].point, probes[j].point)
@@ -240,9 +240,10 @@ def _special(
 ) -> SpecialPoint | None:
     """Return the special point of a located change of sign; None where it is nothing."""
     system, orbit, value = curve.equations.system, at.orbit, float(at.point.u[-1])
-    onward = None
+    onward, extremum = None, ""
     if kind == "fold":
-        name, extreme = kind, "smallest" if tangents[1][-1] > 0 else "largest"
+        rises = tangents[1][-1] > 0
+        name, extremum, extreme = kind, "minimum" if rises else "maximum", "smallest" if rises else "largest"
         status = (
             f"{extreme} value of {curve.parameter} along the branch; slope {at.point.tangent[-1]:.1e} where located"
         )
@@ -271,7 +272,8 @@ def _special(
     # at a fold the trivial multiplier meets another, and carries the root of the error
     if s is not None and s.trivial_error > (TRUSTED**0.5 if kind == "fold" else TRUSTED):
         status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
-    return SpecialPoint(name, curve.parameter, value, (value - reach, value + reach), orbit, status, onward)
+    interval = value - reach, value + reach
+    return SpecialPoint(name, curve.parameter, value, interval, orbit, status, onward, extremum=extremum)
 
 
 def _grazing(curve: CycleCurve, contacts: list[_Contact]) -> SpecialPoint:

@@ -25,6 +25,7 @@ from hbbogie.solving.solvers import solve
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
+SHORTEST = 1e-7  # step at which the continuation gives up
 CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 
 
@@ -123,11 +124,11 @@ def trace(
         if progress:
             progress(float(point.u[-1]))
 
-    options: dict[str, Any] = {"step": begin, "longest": longest, "most": max_points, "progress": say}
-    forward, end = walk(curve, first, **options)
+    options: dict[str, Any] = {"step": begin, "longest": longest, "shortest": SHORTEST, "most": max_points}
+    forward, end = walk(curve, first, progress=say, **options)
     backward, beginning = [first], end
     if both and end.kind != "closed":
-        backward, beginning = walk(curve, first.turned(), **options)
+        backward, beginning = walk(curve, first.turned(), progress=say, **options)
     elif not both:
         beginning = Ending("began", f"began here, at the {_name(start)}")
     points, place = [b.turned() for b in backward[:0:-1]] + forward, len(backward) - 1

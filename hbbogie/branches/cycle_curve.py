@@ -93,6 +93,14 @@ class CycleCurve:
         sign = np.linalg.slogdet(bordered)[0]
         return float(sign * np.linalg.svd(bordered, compute_uv=False)[-1])
 
+    def inaccuracy(self, point: Point, left: float) -> float:
+        """Return the length of arc by which a point may be off for what is left of the equations there.
+
+        Where branches cross that is the root of it.
+        """
+        size = abs(self.branching(point))
+        return left / size if size > left**0.5 else left**0.5
+
     def orbit(self, point: Point, status: str = "converged by pseudo-arclength continuation") -> Orbit:
         """Return the cycle of a point."""
         m = self.equations.size

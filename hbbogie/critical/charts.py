@@ -276,24 +276,27 @@ class _Search:
         return CriticalCurve("hopf", values, over, omega, slope, character, side, error, found.ends)
 
     def _fold_curve(self, found: Followed) -> CriticalCurve:
-        planes, ends = found.planes(), list(found.ends)
-        character = [state.extremum for state in found.states]
-        slope = [state.slope for state in found.states]
-        error = [point.error for point in found.points]
-        for at in (0, -1):
-            near = None if ends[at].kind in ("closed", "interval") else self._onset_near(planes[at])
+        ends, size = list(found.ends), np.array([np.inf, np.ptp(self.span), np.ptp(self.interval)])
+        rows = [
+            (here, state.extremum, state.slope, point.error)
+            for here, state, point in zip(found.planes(), found.states, found.points, strict=True)
+        ]
+        for at, inner in ((0, 1), (-1, -2)):
+            near = None if ends[at].kind in ("closed", "interval") else self._onset_near(rows[at][0])
             if near is None:
                 continue
-            where = 0 if at == 0 else len(planes)
-            place = f"{self.names[1]} = {near[0][2]:.6g}"
+            last, slope = near
+            place = f"{self.names[1]} = {last[2]:.6g}"
             ends[at] = Ending("onset", f"it ends on a curve of Hopf points, where the onset changes, {place}")
-            planes = np.insert(planes, where, near[0], axis=0)
-            for values, value in ((character, character[at]), (slope, near[1]), (error, 0.0)):
-                values.insert(where, value)  # type: ignore[arg-type]
+            # there is hardly any contact close to that end: points that are solved to the tolerance may lie beyond it
+            while len(rows) > 1 and ((rows[at][0] - last) / size) @ ((last - rows[inner][0]) / size) > 0:
+                del rows[at]
+            rows.insert(0 if at == 0 else len(rows), (last, rows[at][1], slope, 0.0))
+        planes, character, slopes, error = zip(*rows, strict=True)
         side = np.array([1 if extremum == "minimum" else -1 for extremum in character])
-        omega, values, over = planes.T
+        omega, values, over = np.array(planes).T
         return CriticalCurve(
-            "fold", values, over, omega, np.array(slope), tuple(character), side, np.array(error), (ends[0], ends[1])
+            "fold", values, over, omega, np.array(slopes), character, side, np.array(error), (ends[0], ends[1])
         )
 
     def _special(self, curve: str, found: Followed) -> list[ChartPoint]:

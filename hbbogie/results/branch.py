@@ -46,6 +46,8 @@ class SpecialPoint:
     criticality : {"subcritical", "supercritical", ""}
         Of a Hopf point from which a branch was traced: whether cycles begin beside the stable or the unstable
         equilibrium.
+    extremum : {"minimum", "maximum", ""}
+        Of a fold: of the parameter along the branch.
     """
 
     kind: str
@@ -56,6 +58,7 @@ class SpecialPoint:
     status: str
     onward: Orbit | None = None
     criticality: str = ""
+    extremum: str = ""
 
     @property
     def omega(self) -> float:
@@ -128,6 +131,7 @@ class Branch:
             data["special_kind"] = ("special", np.array([s.kind for s in self.special], dtype=str))
             data["special_status"] = ("special", np.array([s.status for s in self.special], dtype=str))
             data["special_criticality"] = ("special", np.array([s.criticality for s in self.special], dtype=str))
+            data["special_extremum"] = ("special", np.array([s.extremum for s in self.special], dtype=str))
             data["special_value"] = ("special", [s.value for s in self.special])
             data["special_interval"] = (("special", "bound"), [s.interval for s in self.special])
         beginning = [i for i, s in enumerate(self.special) if s.onward is not None]
@@ -162,6 +166,7 @@ class Branch:
                         str(data["special_status"].values[i]),
                         onward.get(i),
                         str(data["special_criticality"].values[i]),
+                        str(data["special_extremum"].values[i]) if "special_extremum" in data else "",
                     )
                 )
         # files of version 0.1 hold the sentences only

@@ -24,9 +24,9 @@ ITERATIONS = 10
 FEW, MANY = 3, 6  # Newton iterations that lengthen and shorten the step
 WIDEST_TURN = 0.97  # cosine of the largest angle between successive tangents
 ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another curve
-SHORTEST = 1e-7  # step at which the walk gives up
 CAREFUL = 1e-3  # longest step that may lead to an end: longer ones may have jumped over what lies before it
 CROSSING = 1e-4  # longest step across a branch point: longer ones may have jumped to another curve
+CONTRACTION = 0.5  # largest ratio of successive corrections in a step that is not short
 FARTHEST = 2.0  # largest correction of an unknown, scaled: beyond lies another curve or nonsense
 ALIKE = 0.9  # cosine of the angle between the tangents up to which a curve may close
 
@@ -183,9 +183,26 @@ def _point(curve: Curve, u: Array, plane: Array, line: Linearised) -> Point:
     return Point(u, t / product(curve, t, t) ** 0.5, line.residual, sign)
 
 
-def correct(curve: Curve, u: Array, plane: Array) -> tuple[Point | None, int]:
-    """Newton's method in the plane through u across a vector; return the point, or None, and the iterations."""
-    base, met = u, False
+def correct(curve: Curve, u: Array, plane: Array, contraction: float = np.inf) -> tuple[Point | None, int]:
+    """Newton's method in the plane through u across a vector.
+
+    Parameters
+    ----------
+    curve : Curve
+    u : ndarray, shape (n + 1,)
+        Where it begins.
+    plane : ndarray, shape (n + 1,)
+        In scaled unknowns.
+    contraction : float
+        Largest ratio of a correction to the one before.
+
+    Returns
+    -------
+    point : Point or None
+        With the tangent on the positive side of the plane; None where none is found.
+    iterations : int
+    """
+    base, met, last = u, False, np.inf
     for iteration in range(ITERATIONS):
         line = curve.linearise(u)
         error, off = float(np.abs(line.residual).max()), plane @ ((u - base) / curve.scale)
@@ -199,15 +216,18 @@ def correct(curve: Curve, u: Array, plane: Array) -> tuple[Point | None, int]:
             step, _ = line.solve(plane, -np.append(line.residual, off))
         except np.linalg.LinAlgError:
             return None, iteration
-        if not np.abs(curve.weights * step).max() <= FARTHEST:
+        size = float(np.abs(curve.weights * step).max())
+        if not size <= FARTHEST or (size > contraction * last and not met):
             return None, iteration
-        u = u + curve.scale * step
+        u, last = u + curve.scale * step, size
     return None, ITERATIONS
 
 
 def advance(curve: Curve, point: Point, length: float) -> tuple[Point | None, int]:
     """Return the point at a distance along the tangent, its tangent in the same direction, and the iterations."""
-    return correct(curve, point.u + length * curve.scale * point.tangent, curve.weights * point.tangent)
+    start = point.u + length * curve.scale * point.tangent
+    # a short step leads to no other curve, however Newton's method gets along, as next to a kink
+    return correct(curve, start, curve.weights * point.tangent, CONTRACTION if length > CAREFUL else np.inf)
 
 
 def walk(
@@ -216,6 +236,7 @@ def walk(
     *,
     step: float = 0.02,
     longest: float = 0.1,
+    shortest: float = 1e-5,
     most: int = 400,
     progress: Callable[[Point], None] | None = None,
 ) -> tuple[list[Point], Ending]:
@@ -231,6 +252,8 @@ def walk(
     step, longest : float
         First and longest step in scaled arclength. The first is lengthened where no shorter one leads anywhere, as
         from a special point that is only nearly where branches cross.
+    shortest : float
+        Step at which the walk gives up.
     most : int
         Largest number of points.
     progress : callable, optional
@@ -242,18 +265,20 @@ def walk(
     ending : Ending
         Why it ends: that of the curve, or "closed", "stuck" or "points".
     """
-    points, length, shortest, before = [first], step, SHORTEST, 0.0
+    points, length, least, before = [first], step, shortest, 0.0
     curve.settle(first.u)
     while len(points) < most:
         here = points[-1]
         there, iterations = advance(curve, here, length)
         if there is None or (refusal := _refusal(curve, here, there, length)):
             length /= 2
-            if length >= shortest:
+            if length >= least:
                 continue
             if len(points) > 1 or 2 * step > longest:
-                return points, _stuck(curve, here, refusal if there else "Newton's method finds no solution there")
-            step = length = shortest = 2 * step
+                why = refusal if there else "Newton's method finds no solution there"
+                place = f"beyond {curve.where(here.u)} with steps down to {shortest:g}"
+                return points, Ending("stuck", f"no further point was found {place}: {why}")
+            step = length = least = 2 * step
             continue
         flips = here.orientation * there.orientation < 0
         if flips and length > CROSSING:
@@ -277,7 +302,7 @@ def walk(
         points.append(there)
         curve.settle(there.u)
         length = before if flips else length * (1.5 if iterations <= FEW else 0.6 if iterations >= MANY else 1.0)
-        length, shortest, before = min(length, longest), SHORTEST, 0.0 if flips else before
+        length, least, before = min(length, longest), shortest, 0.0 if flips else before
     return points, Ending("points", f"the largest number of points, {most}, was reached")
 
 
@@ -286,11 +311,6 @@ def _refusal(curve: Curve, here: Point, there: Point, length: float) -> str:
     if product(curve, here.tangent, there.tangent) < WIDEST_TURN:
         return "the curve turns sharply there"
     return "what is found there lies on another curve" if gap(curve, here, there) > ASIDE * length else ""
-
-
-def _stuck(curve: Curve, here: Point, why: str) -> Ending:
-    place = f"beyond {curve.where(here.u)} with steps down to {SHORTEST:g}"
-    return Ending("stuck", f"no further point was found {place}: {why}")
 
 
 def _closes(curve: Curve, points: Sequence[Point], there: Point) -> bool:
@@ -367,5 +387,5 @@ def _between(curve: Curve, a: Point, before: tuple[float, Point], after: tuple[f
     (s0, p0), (s1, p1) = before, after
     x, h = (length - s0) / (s1 - s0), s1 - s0
     rates = [curve.scale * p.tangent / product(curve, a.tangent, p.tangent) for p in (p0, p1)]
-    ends = p0.u * (1 + 2 * x) * (1 - x) ** 2 + p1.u * x**2 * (3 - 2 * x)
-    return np.asarray(ends + h * (rates[0] * x * (1 - x) ** 2 - rates[1] * x**2 * (1 - x)))
+    between = p0.u * (1 + 2 * x) * (1 - x) ** 2 + p1.u * x**2 * (3 - 2 * x)
+    return np.asarray(between + h * (rates[0] * x * (1 - x) ** 2 - rates[1] * x**2 * (1 - x)))
