@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.branches.solution_curve import Curve, Point
+from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
+from hbbogie.solving.arclength import Point
 from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.variation import Waveform
 
@@ -29,13 +30,13 @@ class Probe:
 
     Attributes
     ----------
-    curve : Curve
+    curve : CycleCurve
     point : Point
     judge : bool
         Whether multipliers are computed.
     """
 
-    curve: Curve
+    curve: CycleCurve
     point: Point
     judge: bool
 
@@ -57,8 +58,8 @@ class Probe:
     @property
     def value_error(self) -> float:
         """By how much the parameter of the point may be off, by what is left of the equations and round-off."""
-        left = float(np.linalg.norm(self.point.residual / self.curve.rows) + np.finfo(float).eps)
-        return left / abs(self.curve.branching(self.point)) * float(self.curve.scale[-1])
+        left = float(np.linalg.norm(self.point.residual) + np.finfo(float).eps)
+        return self.curve.inaccuracy(self.point, left) * float(self.curve.scale[-1])
 
     @property
     def half(self) -> bool | None:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe
-from hbbogie.branches.solution_curve import Curve, Point
+from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.switching import asymmetric, crossing, doubled
 from hbbogie.results import Orbit, SpecialPoint
+from hbbogie.solving.arclength import Point, distance, located
 
 Array = NDArray[np.float64]
 
-VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
 MARGIN = 5.0  # a multiplier may be off by so many errors of the trivial one
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle that is not solved to the last digit
 REAL = 1e-6  # imaginary part below which a pair of multipliers counts as real
@@ -29,13 +29,13 @@ ZERO = 1e-2  # where a test function is located it has fallen by this much, else
 
 
 def special_points(
-    curve: Curve, points: list[Point], *, judge: bool, known: Mapping[int, SpecialPoint]
+    curve: CycleCurve, points: list[Point], *, judge: bool, known: Mapping[int, SpecialPoint]
 ) -> tuple[list[Orbit], tuple[SpecialPoint, ...]]:
     """Locate what happens between the points of a curve.
 
     Parameters
     ----------
-    curve : Curve
+    curve : CycleCurve
     points : list of Point
     judge : bool
         Whether to compute the stability of every cycle and look at the multipliers; folds only without.
@@ -50,7 +50,7 @@ def special_points(
         In the order of the curve.
     """
     probes = [Probe(curve, point, judge) for point in points]
-    arcs: list[float] = np.cumsum([0.0, *(curve.distance(a, b) for a, b in pairwise(points))]).tolist()
+    arcs: list[float] = np.cumsum([0.0, *(distance(curve, a, b) for a, b in pairwise(points))]).tolist()
     found = _changes(curve, probes, arcs, known)
     if judge:
         explained = [arcs[i] for i in known] + [arc for arc, s in found if s.kind != "grazing"]
@@ -67,7 +67,7 @@ def _at(known: SpecialPoint, probe: Probe) -> SpecialPoint:
     return replace(known, orbit=probe.orbit) if known.kind in ("pitchfork", "branch point") else known
 
 
-def _touching(curve: Curve, probes: list[Probe]) -> list[tuple[float, SpecialPoint]]:
+def _touching(curve: CycleCurve, probes: list[Probe]) -> list[tuple[float, SpecialPoint]]:
     """Return the grazing with which a curve begins, where linear cycles end and a gap closes."""
     if len(probes) < 2:
         return []
@@ -81,7 +81,7 @@ def _touching(curve: Curve, probes: list[Probe]) -> list[tuple[float, SpecialPoi
 
 
 def _changes(
-    curve: Curve, probes: list[Probe], arcs: list[float], known: Mapping[int, SpecialPoint]
+    curve: CycleCurve, probes: list[Probe], arcs: list[float], known: Mapping[int, SpecialPoint]
 ) -> list[tuple[float, SpecialPoint]]:
     """Return where test functions change their sign, with the length of arc.
 
@@ -95,10 +95,10 @@ def _changes(
     for kind in kinds:
         values = [float("nan") if kind == "branching" and i in known else q.value(kind) for i, q in enumerate(probes)]
         for i, j in _brackets(probes, values, kind):
-            if (located := _located(curve, probes, values, (i, j), kind)) is None:
+            if (change := _located(curve, probes, values, (i, j), kind)) is None:
                 continue
-            place, at, reach, flat = located
-            arc = arcs[place] + curve.distance(probes[place].point, at.point)
+            place, at, reach, flat = change
+            arc = arcs[place] + distance(curve, probes[place].point, at.point)
             if not isinstance(kind, str):
                 contacts.append(_Contact(arc, kind, values[j] > 0, at, reach))
                 continue
@@ -141,13 +141,13 @@ def _comparable(probes: list[Probe], values: list[float], kind: Kind) -> bool:
         return probes[0].half == probes[-1].half
     if kind != "fold" or len(probes) == 2:
         return True
-    y = [float(probe.point.y[-1]) for probe in probes]
+    y = [float(probe.point.u[-1]) for probe in probes]
     flattest = y[int(np.argmin(np.abs(values)))]
     return all((y[k] - flattest) * np.sign(values[-1]) > probes[k].value_error for k in (0, -1))
 
 
 def _unexplained(
-    curve: Curve, probes: list[Probe], arcs: list[float], explained: list[float]
+    curve: CycleCurve, probes: list[Probe], arcs: list[float], explained: list[float]
 ) -> list[tuple[float, SpecialPoint]]:
     """Return what says where a change of stability was not located, points without a verdict passed over."""
     known = [i for i, q in enumerate(probes) if q.orbit.stability and q.orbit.stability.verdict != "unknown"]
@@ -158,7 +158,7 @@ def _unexplained(
             continue
         if any(arcs[i] - SAME <= arc <= arcs[j] + SAME for arc in explained):
             continue
-        values = [float(q.point.y[-1]) for q in probes[i : j + 1]]
+        values = [float(q.point.u[-1]) for q in probes[i : j + 1]]
         what = f"unstable directions go from {before.unstable} to {after.unstable} in this interval"
         status = f"{what}; what happens there was not located: take more harmonics or shorter steps"
         ends = min(values), max(values)
@@ -189,7 +189,7 @@ def _groups(contacts: list[_Contact]) -> list[list[_Contact]]:
 
 
 def _located(
-    curve: Curve, probes: list[Probe], values: list[float], change: tuple[int, int], kind: Kind
+    curve: CycleCurve, probes: list[Probe], values: list[float], change: tuple[int, int], kind: Kind
 ) -> tuple[int, Probe, float, bool] | None:
     """Locate a change of sign of a test function.
 
@@ -209,37 +209,41 @@ def _located(
             probes_at[id(point)] = Probe(curve, point, a.judge)
         return probes_at[id(point)].value(kind)
 
-    found = curve.locate(a.point, b.point, test)
+    found = located(curve, a.point, b.point, test)
     if found is None:
         return None
     at, error = probes_at[id(found[0])], found[1]
-    if not abs(at.value(kind)) <= max(ZERO * min(map(abs, ends)), 1e-9):
+    # next to a crossing branch a point may be off its own by the root of what is tolerated
+    off = curve.tolerance**0.5 if kind == "branching" else 0.0
+    if not abs(at.value(kind)) <= max(ZERO * min(map(abs, ends)), off, 1e-9):
         return None
-    if kind == "branching":  # next to a crossing branch a point may be off its own by the root of what is tolerated
-        error += float(np.sqrt(curve.tolerance))
-    else:
-        error += float(np.abs(at.point.residual / curve.rows).max()) / abs(curve.branching(at.point))
+    error += off
+    if kind != "branching":
+        error += curve.inaccuracy(at.point, at.point.error)
     if kind in ("flip", "torus") and (stability := at.orbit.stability) is not None:
         others = float(np.prod(np.sort(np.abs(at.factors(str(kind))))[1:]))
-        slope = abs(ends[1] - ends[0]) / curve.distance(probes[i].point, probes[j].point)
+        slope = abs(ends[1] - ends[0]) / distance(curve, probes[i].point, probes[j].point)
         error += others * MARGIN * stability.trivial_error / slope
     # where branches cross the tangent is any in their plane: those of the neighbours tell how the parameter goes
     points = (a.point, b.point) if kind == "branching" else (at.point,)
     along = max(abs(float(point.tangent[-1])) for point in points) * float(curve.scale[-1])
-    value = float(at.point.y[-1])
-    flat = [q.point.y[-1] for q in probes[steps[0] : steps[-1] + 2]] if steps[-1] - steps[0] > 1 else []
+    value = float(at.point.u[-1])
+    flat = [q.point.u[-1] for q in probes[steps[0] : steps[-1] + 2]] if steps[-1] - steps[0] > 1 else []
     reach = max([error * along, 1e-12 * abs(value), *(abs(float(y) - value) for y in flat)])
     if kind == "fold":  # along the branch its value hardly changes, across it does
         reach = max(reach, at.value_error)
     return steps[0], at, reach, bool(flat)
 
 
-def _special(curve: Curve, at: Probe, kind: str, tangents: tuple[Array, Array], reach: float) -> SpecialPoint | None:
+def _special(
+    curve: CycleCurve, at: Probe, kind: str, tangents: tuple[Array, Array], reach: float
+) -> SpecialPoint | None:
     """Return the special point of a located change of sign; None where it is nothing."""
-    system, orbit, value = curve.equations.system, at.orbit, float(at.point.y[-1])
-    onward = None
+    system, orbit, value = curve.equations.system, at.orbit, float(at.point.u[-1])
+    onward, extremum = None, ""
     if kind == "fold":
-        name, extreme = kind, "smallest" if tangents[1][-1] > 0 else "largest"
+        rises = tangents[1][-1] > 0
+        name, extremum, extreme = kind, "minimum" if rises else "maximum", "smallest" if rises else "largest"
         status = (
             f"{extreme} value of {curve.parameter} along the branch; slope {at.point.tangent[-1]:.1e} where located"
         )
@@ -268,10 +272,11 @@ def _special(curve: Curve, at: Probe, kind: str, tangents: tuple[Array, Array], 
     # at a fold the trivial multiplier meets another, and carries the root of the error
     if s is not None and s.trivial_error > (TRUSTED**0.5 if kind == "fold" else TRUSTED):
         status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
-    return SpecialPoint(name, curve.parameter, value, (value - reach, value + reach), orbit, status, onward)
+    interval = value - reach, value + reach
+    return SpecialPoint(name, curve.parameter, value, interval, orbit, status, onward, extremum=extremum)
 
 
-def _grazing(curve: Curve, contacts: list[_Contact]) -> SpecialPoint:
+def _grazing(curve: CycleCurve, contacts: list[_Contact]) -> SpecialPoint:
     """Return the point where contacts begin or cease to close."""
     at, reach = contacts[0].probe, contacts[0].reach
     gaps: dict[str, list[str]] = {}
@@ -279,5 +284,5 @@ def _grazing(curve: Curve, contacts: list[_Contact]) -> SpecialPoint:
         what = "begins to touch" if c.closes else "touches for the last time"
         gaps.setdefault(f"{c.kind[0]} {what}", []).append(f"{at.contacts[c.kind][0]:g}")
     status = "; ".join(f"{what} at {' and '.join(levels)}" for what, levels in gaps.items())
-    value = float(at.point.y[-1])
+    value = float(at.point.u[-1])
     return SpecialPoint("grazing", curve.parameter, value, (value - reach, value + reach), at.orbit, status)

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbbogie.branches.bifurcations import VERTICAL
-from hbbogie.branches.solution_curve import Point
+from hbbogie.branches.cycle_curve import VERTICAL
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.equilibria.normal_form import first_lyapunov
 from hbbogie.model.system import System
 from hbbogie.results import SpecialPoint
+from hbbogie.solving.arclength import Point
 
 
 def onset(hopf: SpecialPoint, system: System, points: list[Point]) -> SpecialPoint:
@@ -32,7 +32,7 @@ def onset(hopf: SpecialPoint, system: System, points: list[Point]) -> SpecialPoi
         below = coefficient > 0
         why = f"first Lyapunov coefficient {coefficient:.4g}"
     else:
-        first, second = float(points[0].y[-1]), float(points[min(1, len(points) - 1)].y[-1])
+        first, second = float(points[0].u[-1]), float(points[min(1, len(points) - 1)].u[-1])
         if abs(second - first) <= VERTICAL * max(1.0, abs(first)):
             return hopf
         below = (second > first) != _gains(system, hopf)

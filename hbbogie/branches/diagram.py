@@ -21,6 +21,7 @@ from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES
 
 MAX_POINTS = 600  # of a branch; the family of a conservative system has no end
@@ -179,7 +180,12 @@ def _one_half(branch: Branch) -> Branch:
     start = next((i for i, o in enumerate(branch.orbits) if o is fork), 0)
     kept = {id(o) for o in branch.orbits[start:]}
     special = tuple(s for s in branch.special if id(s.orbit) in kept)
-    return Branch(branch.orbits[start:], branch.parameter, special, ("began here, at the pitchfork", branch.ends[1]))
+    return Branch(
+        branch.orbits[start:],
+        branch.parameter,
+        special,
+        (Ending("began", "began here, at the pitchfork"), branch.ends[1]),
+    )
 
 
 def _cycles(system: System, parameter: str, harmonics: int | str, stability: bool, notes: list[str]) -> list[Orbit]:
@@ -226,13 +232,14 @@ def _cut(family: Branch, equations: Equations) -> Branch:
     limit = max(LARGEST * float(equations.scale[0]), 2 * float(peak.min()))
     resolved = [i for i in order if family.orbits[i].tail <= RESOLVED]
     kept = [family.orbits[i] for i in resolved if peak[i] <= limit] or [family.orbits[order[-1]]]
-    beginning = "the smallest cycle computed"
+    beginning = Ending("began", "the smallest cycle computed")
     if len(resolved) < len(order):
-        beginning = (
+        unresolved = (
             f"cycles whose highest harmonics exceed {100 * RESOLVED:g} % of the first are not resolved, nor shown"
         )
-    ends = beginning, f"larger cycles than {limit:.4g} are not shown"
-    return Branch(tuple(kept), family.parameter, (), ends)
+        beginning = Ending("shown", unresolved)
+    end = Ending("shown", f"larger cycles than {limit:.4g} are not shown")
+    return Branch(tuple(kept), family.parameter, (), (beginning, end))
 
 
 def _named(stem: str, branches: Sequence[Branch]) -> dict[str, Branch]:

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.branches.solution_curve import Curve, Point
+from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.arclength import Point, correct
 from hbbogie.stability.hill_method import null_mode
 
 Array = NDArray[np.float64]
@@ -40,25 +41,25 @@ def _sized(mode: Array, orbit: Orbit) -> Array:
     return np.asarray(FIRST * mode * np.abs(orbit.coefficients[1:]).max() / np.abs(mode).max())
 
 
-def crossing(curve: Curve, point: Point, along: Array) -> Orbit:
+def crossing(curve: CycleCurve, point: Point, along: Array) -> Orbit:
     """Return a cycle on the branch that crosses the one along a direction, by its tangent (eq-branching-tangents).
 
     Both tangents annul the quadratic form psi . F_yy on the null space of the Jacobian, psi its left null vector
     (H. B. Keller, in Applications of Bifurcation Theory, Academic Press 1977, 359-384).
     """
     m, place = curve.equations.size, curve.problem.conditions.free
-    left, _, right = np.linalg.svd(curve.evaluate(point.y)[1])
+    left, _, right = np.linalg.svd(curve.evaluate(point.u)[1])
     psi, plane = left[:, -1] / curve.rows, right[-2:]
-    H = curve.equations.hessian(place)(point.y[:m], curve.problem.parameters(point.y), psi).full()
+    H = curve.equations.hessian(place)(point.u[:m], curve.problem.parameters(point.u), psi).full()
     sizes, axes = np.linalg.eigh(plane @ (H * np.outer(curve.scale, curve.scale)) @ plane.T)
     share = np.sqrt(np.maximum(sizes * [-1, 1], 0.0))[::-1]  # along both axes; one is of no size where branches touch
     tangents = [(axes @ (share * [1, sign])) @ plane for sign in (1, -1)]
     other = min(tangents, key=lambda t: abs(t @ along))
-    y = point.y + FIRST * curve.scale * other / np.linalg.norm(other)
+    y = point.u + FIRST * curve.scale * other / np.linalg.norm(other)
     return curve.equations.decode(y[:m], curve.problem.parameters(y), "a first guess", np.zeros(m))
 
 
-def first_beyond(curve: Curve, special: SpecialPoint) -> tuple[Point, bool]:
+def first_beyond(curve: CycleCurve, special: SpecialPoint) -> tuple[Point, bool]:
     """Return the first point on the branch that begins at a special point, and whether it goes on to both sides.
 
     Raises
@@ -86,9 +87,8 @@ def first_beyond(curve: Curve, special: SpecialPoint) -> tuple[Point, bool]:
     direction = (y - start) / curve.scale
     direction = direction / np.linalg.norm(direction)
     if both:
-        F, _ = curve.evaluate(start)
-        return Point(start, direction, F * curve.rows), True
-    found, _ = curve.correct(y, direction)
+        return Point(start, direction, curve.evaluate(start)[0]), True
+    found, _ = correct(curve, y, direction)
     if found is None:
         raise ConvergenceError(
             f"no cycle found beyond the {special.kind} at {special.parameter} = {special.value:.6g} "

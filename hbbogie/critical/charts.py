@@ -23,8 +23,9 @@ from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results import Chart, ChartPoint, CriticalCurve, SpecialPoint
+from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES
-from hbbogie.solving.arclength import CLOSED, STUCK, Point
+from hbbogie.solving.arclength import Point
 from hbbogie.units import label
 
 Array = NDArray[np.float64]
@@ -176,7 +177,7 @@ class _Search:
                 options: dict[str, Any] = {"families": False, "stability": False, "max_points": most}
                 branch = trace(equations, hopf, name, self.span, **options)
                 folds = branch.folds()
-                if branch.ends[1].startswith("the largest number"):
+                if branch.ends[1].kind == "points":
                     self.notes.append(
                         f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g} was cut off "
                         f"after {most} points: folds farther along it are not found."
@@ -201,7 +202,7 @@ class _Search:
         while point is not None and len(pieces) <= CORNERS:
             pieces.append(follow(curve, point, FOLD_TESTS, (), self.longest))
             last = pieces[-1].points[-1]
-            stuck = pieces[-1].ends[1] == STUCK and self._onset_near(plane(curve, last)) is None
+            stuck = pieces[-1].ends[1].kind == "stuck" and self._onset_near(plane(curve, last)) is None
             point = curve.beyond(last) if stuck else None
         return pieces
 
@@ -242,7 +243,7 @@ class _Search:
             )
         for curve in (*folds, *hopf):
             kind = {"fold": "folds", "hopf": "Hopf points"}[curve.kind]
-            self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if not end.startswith(EXPECTED)]
+            self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if end.kind not in EXPECTED]
         texts = [f"{system.parameter(n).description} {n}".strip() for n in self.names]
         special = [
             p
@@ -274,23 +275,27 @@ class _Search:
         return CriticalCurve("hopf", values, over, omega, slope, character, side, error, found.ends)
 
     def _fold_curve(self, found: Followed) -> CriticalCurve:
-        planes, ends = found.planes(), list(found.ends)
-        character = [state.extremum for state in found.states]
-        slope = [state.slope for state in found.states]
-        error = [point.error for point in found.points]
-        for at in (0, -1):
-            near = None if ends[at].startswith((CLOSED, CHART_ENDS)) else self._onset_near(planes[at])
+        ends, size = list(found.ends), np.array([np.inf, np.ptp(self.span), np.ptp(self.interval)])
+        rows = [
+            (here, state.extremum, state.slope, point.error)
+            for here, state, point in zip(found.planes(), found.states, found.points, strict=True)
+        ]
+        for at, inner in ((0, 1), (-1, -2)):
+            near = None if ends[at].kind in ("closed", "interval") else self._onset_near(rows[at][0])
             if near is None:
                 continue
-            where = 0 if at == 0 else len(planes)
-            ends[at] = f"it ends on a curve of Hopf points, where the onset changes, {self.names[1]} = {near[0][2]:.6g}"
-            planes = np.insert(planes, where, near[0], axis=0)
-            for values, value in ((character, character[at]), (slope, near[1]), (error, 0.0)):
-                values.insert(where, value)  # type: ignore[arg-type]
+            last, slope = near
+            place = f"{self.names[1]} = {last[2]:.6g}"
+            ends[at] = Ending("onset", f"it ends on a curve of Hopf points, where the onset changes, {place}")
+            # there is hardly any contact close to that end: points that are solved to the tolerance may lie beyond it
+            while len(rows) > 1 and ((rows[at][0] - last) / size) @ ((last - rows[inner][0]) / size) > 0:
+                del rows[at]
+            rows.insert(0 if at == 0 else len(rows), (last, rows[at][1], slope, 0.0))
+        planes, character, slopes, error = zip(*rows, strict=True)
         side = np.array([1 if extremum == "minimum" else -1 for extremum in character])
-        omega, values, over = planes.T
+        omega, values, over = np.array(planes).T
         return CriticalCurve(
-            "fold", values, over, omega, np.array(slope), tuple(character), side, np.array(error), (ends[0], ends[1])
+            "fold", values, over, omega, np.array(slopes), character, side, np.array(error), (ends[0], ends[1])
         )
 
     def _special(self, curve: str, found: Followed) -> list[ChartPoint]:
@@ -305,8 +310,7 @@ class _Search:
         return special
 
 
-CHART_ENDS = "the end of the chart"
-EXPECTED = (CHART_ENDS, CLOSED, "it ends on")
+EXPECTED = ("interval", "closed", "onset")  # endings that need no note
 MEANING = {
     "cusp": "two curves of folds meet and end",
     "turning point": "the curve turns back in {}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from hbbogie.branches.continuation import trace
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
+from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import Point, correct
+from hbbogie.solving.arclength import Dense, Point, correct
 from hbbogie.solving.newton import Conditions, Problem
 from hbbogie.solving.solvers import solve
 
@@ -65,8 +67,8 @@ class FoldCurve:
         self.normal = np.ones(m)
         self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
 
-    def evaluate(self, u: Array) -> tuple[Array, Array]:
-        """Return the scaled residual and its derivative in the scaled unknowns."""
+    def linearise(self, u: Array) -> Dense:
+        """Return the equations and their derivative."""
         m, psi = self.m, u[self.m + 2 :]
         F, J, H = self._derivatives(u)
         G = np.concatenate([F, psi @ J[:, :m], [self.normal @ psi - 1]])
@@ -77,7 +79,7 @@ class FoldCurve:
             J[:, :m].T,
             self.normal,
         )
-        return G, D
+        return Dense(G, D)
 
     def _derivatives(self, u: Array) -> tuple[Array, Array, Array]:
         """Return F, its derivative and the second derivative of psi . F, all scaled."""
@@ -95,28 +97,28 @@ class FoldCurve:
         psi = u[self.m + 2 :]
         self.normal = psi / (psi @ psi)
 
-    def leaves(self, u: Array) -> str:
-        """Return why the curve ends before these unknowns, or nothing."""
-        y = u[: self.m + 2]
-        beyond = self.problem.violated(np.where(self._amplitudes, y - SMALLEST * self.size, y))
-        where = f"{self.names[1]} = {u[self.m + 1]:.6g}"
-        if any("cosine of harmonic 1 at its lower" in b for b in beyond):
-            return f"the cycle shrinks to the equilibrium near {where}"
-        if beyond:
-            return f"a bound was reached near {where}: {', '.join(beyond)}"
+    def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
+        """Return why the curve ends before a point, or None."""
+        return self._end(there.u)
+
+    def _end(self, u: Array) -> Ending | None:
+        y, leading = u[: self.m + 2].copy(), self.equations.leading
+        y[leading] -= SMALLEST * self.size[leading]
+        met = self.problem.violated(y)
+        if any(bound.place == leading and bound.side == "lower" for bound in met):
+            return Ending("vanishes", f"the cycle shrinks to the equilibrium near {self.where(u)}")
+        if met:
+            return Ending("bound", f"a bound was reached near {self.where(u)}: {', '.join(map(str, met))}")
         linear = abs(self._bend(u)) <= LINEAR * float(np.abs(self._derivatives(u)[2]).max())
-        return f"the cycle no longer reaches a contact near {where}" if linear else ""
+        return Ending("contact", f"the cycle no longer reaches a contact near {self.where(u)}") if linear else None
 
-    @property
-    def _amplitudes(self) -> NDArray[np.bool_]:
-        """Mask of the unknown that is a first-harmonic amplitude, with a positive lower bound."""
-        mask = np.append(self.equations.lower > 0, [False, False])
-        mask[self.m - 1] = False  # omega
-        return mask
+    def at(self, index: int, value: float) -> Ending:
+        """Return the ending at a limit of a parameter."""
+        return Ending("interval", f"the end of the chart was reached, {self.names[index - self.m]} = {value:g}")
 
-    def at(self, index: int, value: float) -> str:
-        """Return the sentence for an end at a limit of a parameter."""
-        return f"the end of the chart was reached, {self.names[index - self.m]} = {value:g}"
+    def where(self, u: Array) -> str:
+        """Return the second parameter's value, for people."""
+        return f"{self.names[1]} = {u[self.m + 1]:.6g}"
 
     def first(self, orbit: Orbit) -> Point:
         """Return the fold at an orbit's second parameter, near the orbit, its tangent towards growing values.
@@ -169,8 +171,7 @@ class FoldCurve:
             if not low <= value <= high or (found := self._fold_at(point, value)) is None:
                 continue
             if abs(found.u[self.m] - expected) <= ASTRAY * leap * height:  # farther away there is another curve
-                along = np.sign(found.tangent[self.m + 1]) * direction or 1.0
-                return Point(found.u, along * found.tangent, found.error)
+                return found if found.tangent[self.m + 1] * direction >= 0 else found.turned()
         return None
 
     def _fold_at(self, point: Point, value: float) -> Point | None:
@@ -194,7 +195,7 @@ class FoldCurve:
                 found = self.first(special.orbit)
             except ConvergenceError:
                 continue
-            if not self.leaves(found.u):
+            if self._end(found.u) is None:
                 return found
         return None
 

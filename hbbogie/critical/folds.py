@@ -125,7 +125,7 @@ def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance:
     tangent = np.linalg.svd(J)[2][-1]
     curvature = float(problem.scale[-1] * tangent @ W @ tangent)
     if active:
-        converged, why = False, f"{why}; {', '.join(active)}"
+        converged, why = False, f"{why}; {', '.join(map(str, active))}"
     elif converged and abs(curvature) <= FLAT * abs(float(problem.scale[-1])):
         converged, why = False, f"it led to cycles along which {name} does not vary, as those of a linear system"
     return _Solved(problem, y, multipliers, curvature, error, converged, why)

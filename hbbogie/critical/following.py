@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.results import SpecialPoint
-from hbbogie.solving.arclength import CLOSED, Point, landing, located, walk
+from hbbogie.results.ending import Ending
+from hbbogie.solving.arclength import Point, distance, landing, located, walk
 
 Array = NDArray[np.float64]
 Test = Callable[[Any, Point], float]
@@ -32,7 +33,7 @@ class Followed:
         One for each point.
     marks : list of (str, Point, state)
         Where a test changes its sign, with the name of the test.
-    ends : (str, str)
+    ends : (Ending, Ending)
         Why it ends where it begins and where it ends; the first is empty for a piece followed one way.
     """
 
@@ -40,7 +41,7 @@ class Followed:
     points: list[Point]
     states: list[Any]
     marks: list[tuple[str, Point, Any]]
-    ends: tuple[str, str]
+    ends: tuple[Ending, Ending]
 
     def planes(self) -> Array:
         """Return omega and both parameters, shape (points, 3)."""
@@ -64,29 +65,26 @@ def follow(curve: Any, start: Point, tests: Mapping[str, Test], jumps: Container
     points, end = walk(curve, start, longest=longest)
     states = [curve.state(point) for point in points]
     all_points, all_states, marks = points[:1], states[:1], []
-    normal = curve.weights / curve.scale
     for (a, b), (s, t) in zip(pairwise(points), pairwise(states), strict=True):
         between: list[tuple[str, Point, Any]] = []
         for kind, test in tests.items():
             before, after = test(s, a), test(t, b)
             if not before * after < 0:
                 continue
-            curve.settle(a.u)
-            point = located(curve, a, b, partial(_tested, curve, test))
-            state = None if point is None else curve.state(point)
-            left = 0.0 if point is None or kind in jumps else abs(test(state, point))
-            if point is None or left > VANISHED * max(abs(before), abs(after)):
+            if (found := located(curve, a, b, partial(_tested, curve, test))) is None:
                 continue
-            between.append((kind, point, state))
-        between.sort(key=partial(_distance, normal * a.tangent, a))
+            point, state = found[0], curve.state(found[0])
+            if kind in jumps or abs(test(state, point)) <= VANISHED * max(abs(before), abs(after)):
+                between.append((kind, point, state))
+        between.sort(key=partial(_ahead, curve, a))
         marks += between
         all_points += [*(point for _, point, _ in between), b]
         all_states += [*(state for _, _, state in between), t]
-    return Followed(curve, all_points, all_states, marks, ("", end))
+    return Followed(curve, all_points, all_states, marks, (Ending(), end))
 
 
-def _distance(normal: Array, start: Point, mark: tuple[str, Point, Any]) -> float:
-    return float(normal @ (mark[1].u - start.u))
+def _ahead(curve: Any, start: Point, mark: tuple[str, Point, Any]) -> float:
+    return distance(curve, start, mark[1])
 
 
 def _tested(curve: Any, test: Test, point: Point) -> float:
@@ -102,12 +100,12 @@ def plane(curve: Any, point: Point) -> Array:
 def both_ways(first: Point, follow: Callable[[Point], list[Followed]]) -> Followed:
     """Follow a curve from a point in both directions; return its pieces as one."""
     forward = follow(first)
-    closed = forward[-1].ends[1] == CLOSED
-    backward = [] if closed else follow(Point(first.u, -first.tangent, first.error))
+    closed = forward[-1].ends[1].kind == "closed"
+    backward = [] if closed else follow(first.turned())
     points = [p for piece in backward for p in piece.points][:0:-1] + [p for piece in forward for p in piece.points]
     states = [s for piece in backward for s in piece.states][:0:-1] + [s for piece in forward for s in piece.states]
     marks = [m for piece in (*backward, *forward) for m in piece.marks]
-    ends = (CLOSED if closed else backward[-1].ends[1], forward[-1].ends[1])
+    ends = (forward if closed else backward)[-1].ends[1], forward[-1].ends[1]
     return Followed(forward[0].curve, points, states, marks, ends)
 
 

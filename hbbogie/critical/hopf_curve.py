@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 from hbbogie.equilibria.normal_form import lyapunov_at
 from hbbogie.model.system import System
 from hbbogie.results import SpecialPoint
+from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import Point, correct
+from hbbogie.solving.arclength import Dense, Point, correct
 
 Array = NDArray[np.float64]
 SLOWEST = 1e-3  # share of the first frequency at which a curve ends
@@ -80,6 +82,10 @@ class HopfCurve:
         G, J = (m.full() for m in self._functions[0](u, self.p, self.normal))
         return G.ravel() / self.rows, J / self.rows[:, None] * self.scale
 
+    def linearise(self, u: Array) -> Dense:
+        """Return the equations and their derivative."""
+        return Dense(*self.evaluate(u))
+
     def first(self) -> Point:
         """Return the Hopf point where the curve begins, with its tangent; raise `ConvergenceError` where lost."""
         for index in (-1, -2):  # at the given second parameter; where the curve turns back in it, at the first
@@ -89,15 +95,20 @@ class HopfCurve:
                 return found
         raise ConvergenceError("no Hopf point was found from this start; two modes may be critical at once.")
 
-    def leaves(self, u: Array) -> str:
-        """Return why the curve ends before these unknowns: the frequency goes to zero."""
-        if u[3 * self.n] > SLOWEST * self.scale[3 * self.n]:
-            return ""
-        return f"the frequency goes to zero at {self.names[1]} = {u[-1]:.6g}"
+    def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
+        """Return why the curve ends before a point, if the frequency goes to zero."""
+        if there.u[3 * self.n] > SLOWEST * self.scale[3 * self.n]:
+            return None
+        return Ending("vanishes", f"the frequency goes to zero at {self.where(there.u)}")
 
-    def at(self, index: int, value: float) -> str:
-        """Return the sentence for an end at a limit of a parameter."""
-        return f"the end of the chart was reached, {self.names[index - 3 * self.n - 1]} = {value:g}"
+    def at(self, index: int, value: float) -> Ending:
+        """Return the ending at a limit of a parameter."""
+        name = self.names[index - 3 * self.n - 1]
+        return Ending("interval", f"the end of the chart was reached, {name} = {value:g}")
+
+    def where(self, u: Array) -> str:
+        """Return the second parameter's value, for people."""
+        return f"{self.names[1]} = {u[-1]:.6g}"
 
     def state(self, point: Point) -> HopfState:
         """Return what is to be known about a point of the curve."""

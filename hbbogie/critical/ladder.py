@@ -98,7 +98,7 @@ def climb(equations: Equations, hopf: SpecialPoint, low: float, below: float = n
         elif value < low:
             end, complete = f"the branch leaves the interval at {hopf.parameter} = {low:.6g}", True
         elif beyond := problem.violated(there.y):
-            end = f"a bound was reached: {', '.join(beyond)}"
+            end = f"a bound was reached: {', '.join(map(str, beyond))}"
         elif len(rungs) > MOST:
             end = f"the branch is not back at the value of the Hopf point after {MOST} cycles"
         step = min(1.6 * step, WIDEST)

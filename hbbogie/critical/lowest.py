@@ -91,9 +91,8 @@ def all_folds(equations: Equations, hopf: SpecialPoint, span: tuple[float, float
             reason = reason or str(error).partition("\n")[0]
             continue
         end = branch.ends[1]
-        stuck = end.startswith(("no further point", "the largest number"))
         folds = [_located(equations, s) for s in branch.folds()]
-        return _Followed(folds, float(branch.values.min()), end.partition(";")[0], not stuck)
+        return _Followed(folds, float(branch.values.min()), end.what, end.kind not in ("stuck", "points"))
     return _Followed([], hopf.value, f"no branch was traced: {reason}", False)
 
 

@@ -88,9 +88,8 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
     try:
         return fold(equations, special, special.parameter)
     except ConvergenceError as error:
-        extremum = "minimum" if special.status.startswith("smallest") else "maximum"
         status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
-        value, omega, nan = special.value, special.omega, float("nan")
+        value, extremum, omega, nan = special.value, special.extremum, special.omega, float("nan")
         return Critical("fold", special.parameter, value, extremum, omega, {}, orbit, orbit.residual, nan, status)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,13 +11,16 @@ from numpy.typing import NDArray
 from hbbogie.equilibria.rest import Rest
 from hbbogie.equilibria.search import Box
 from hbbogie.model.singular import singular_terms
-from hbbogie.solving.arclength import CLOSED, Point, correct, landing, walk
+from hbbogie.results.ending import Ending
+from hbbogie.solving.arclength import Dense, Point, correct, landing, walk
 
 Array = NDArray[np.float64]
 STEP, LONGEST, MOST = 0.02, 0.1, 400  # in scaled arclength
 GROWING, LEGS = 4.0, 30  # a coordinate beyond so many of its scales gets a new one, so many times
-GROWN, HOME = "grown", "home"
-AROUND = "it has made a whole turn, and repeats itself"
+GROWN = Ending("grown", "coordinates have outgrown their scales")
+HOME = Ending("home", "the first point is near")
+CLOSED = Ending("closed", "the curve closes on itself")
+AROUND = Ending("closed", "it has made a whole turn, and repeats itself")
 NEAR_HOME = 0.11  # distance from its first point at which a branch may close
 SAME = 1e-6  # scaled distance up to which two equilibria are one
 
@@ -44,22 +48,30 @@ class RestCurve:
     def settle(self, u: Array) -> None:
         """Take note of nothing."""
 
-    def leaves(self, u: Array) -> str:
+    def linearise(self, u: Array) -> Dense:
+        """Return the equations and their derivative."""
+        return Dense(*self.evaluate(u))
+
+    def where(self, u: Array) -> str:
+        """Return the value of the parameter, for people."""
+        return f"{self.rest.parameter} = {u[-1]:.6g}"
+
+    def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
         """Return why this leg ends: coordinates have outgrown their scales, or the first point is near again."""
-        n, angles = self.rest.system.n, self.rest.angles
+        u, n, angles = there.u, self.rest.system.n, self.rest.angles
         if self.first is not None and (np.abs(u[:n] - self.first[:n])[angles] > 2 * np.pi).any():
             return AROUND
         if (np.abs(u[:n]) > GROWING * self.scale[:n])[~angles].any():
             return GROWN
         home = self.home is not None and np.linalg.norm((u - self.home) / self.scale * self.weights) < NEAR_HOME
-        return HOME if home else ""
+        return HOME if home else None
 
-    def at(self, index: int, value: float) -> str:
-        """Return the sentence for an end at a limit of an unknown."""
+    def at(self, index: int, value: float) -> Ending:
+        """Return the ending at a limit of an unknown."""
         if index == self.rest.m:
-            return f"the end of the interval was reached, {self.rest.parameter} = {value:g}"
+            return Ending("interval", f"the end of the interval was reached, {self.rest.parameter} = {value:g}")
         bound = self.box.low[index] if value < self.box.low[index] else self.box.high[index]
-        return f"{self.rest.system.coordinate_names[index]} reaches its bound {bound:.6g}"
+        return Ending("bound", f"{self.rest.system.coordinate_names[index]} reaches its bound {bound:.6g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +95,7 @@ class RestBranch:
     t : ndarray, shape (points, m + 1)
         Tangents, of length 1 in units of ``scale``.
     scale : ndarray, shape (m + 1,)
-    ends : (str, str)
+    ends : (Ending, Ending)
     turns : tuple of Turn
         Folds and branch points, in order.
     """
@@ -91,7 +103,7 @@ class RestBranch:
     u: Array
     t: Array
     scale: Array
-    ends: tuple[str, str]
+    ends: tuple[Ending, Ending]
     turns: tuple[Turn, ...] = ()
 
     def passes(self, curve: RestCurve, u: Array) -> bool:
@@ -135,10 +147,10 @@ def follow(rest: Rest, box: Box, root: Array) -> RestBranch | None:
     if start is None:
         return None
     forward, why_end, scale = _legs(rest, box, start)
-    if why_end in (CLOSED, AROUND):
+    if why_end.kind == "closed":
         sides, ends = forward, (why_end, why_end)
     else:
-        backward, why_start, other = _legs(rest, box, replace(start, tangent=-start.tangent))
+        backward, why_start, other = _legs(rest, box, start.turned())
         sides = [(u, -t) for u, t in backward[:0:-1]] + forward
         scale, ends = np.maximum(scale, other), (why_start, why_end)
     u, t = (np.array([side[i] for side in sides]) for i in (0, 1))
@@ -152,19 +164,19 @@ def _null(curve: RestCurve, u: Array) -> list[Array]:
     return [] if not np.isfinite(J).all() else list(np.linalg.svd(J)[2][::-1][:2])
 
 
-def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]], str, Array]:
+def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]], Ending, Array]:
     """Follow a branch in one direction, with larger scales where the coordinates outgrow theirs."""
     curve = RestCurve(rest, box, box.scale, None, start.u)
     point, found = start, [(start.u, box.scale * start.tangent)]
     for leg in range(LEGS):
         points, why = walk(curve, point, step=STEP, longest=LONGEST, most=MOST)
         found += [(p.u, curve.scale * p.tangent) for p in points[1:]]
-        if why == HOME:
+        if why is HOME:
             closing = correct(curve, start.u, points[-1].tangent * curve.weights)[0]
             if closing is not None and np.linalg.norm((closing.u - start.u) / curve.scale) < SAME:
                 return [*found, found[0]], CLOSED, curve.scale
             why, curve = GROWN, RestCurve(rest, box, curve.scale, None, start.u)
-        if why != GROWN:
+        if why is not GROWN:
             return _inside(curve, found, _reason(rest, curve, points[-1], why))
         n = rest.system.n
         scale = curve.scale.copy()
@@ -172,22 +184,23 @@ def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]]
         home = start.u if np.linalg.norm((points[-1].u - start.u) / scale) > 2 * NEAR_HOME else None
         curve = RestCurve(rest, box, scale, home, start.u)
         t = found[-1][1] / scale
-        point = Point(points[-1].u, t / np.linalg.norm(t * curve.weights), points[-1].error)
+        point = replace(points[-1], tangent=t / np.linalg.norm(t * curve.weights))
         if leg and len(points) < 2:
-            return found, _reason(rest, curve, point, "no further point was found"), scale
+            return found, _reason(rest, curve, point, Ending("stuck", "no further point was found")), scale
     largest = int(np.argmax(np.abs(found[-1][0][: rest.system.n]) / box.scale[: rest.system.n]))
-    return found, f"{rest.system.coordinate_names[largest]} goes beyond {found[-1][0][largest]:.2g}", curve.scale
+    beyond = f"{rest.system.coordinate_names[largest]} goes beyond {found[-1][0][largest]:.2g}"
+    return found, Ending("beyond", beyond), curve.scale
 
 
 def _inside(
-    curve: RestCurve, found: list[tuple[Array, Array]], why: str
-) -> tuple[list[tuple[Array, Array]], str, Array]:
+    curve: RestCurve, found: list[tuple[Array, Array]], why: Ending
+) -> tuple[list[tuple[Array, Array]], Ending, Array]:
     """Return a branch with its last point exactly on the bound that it reaches first."""
     box, n = curve.box, curve.rest.system.n
     last = found[-1][0]
     reached = np.flatnonzero((last < box.low) | (last > box.high))
     if len(found) > 1 and len(reached) and reached[0] < n:
-        here, there = (Point(u, along / curve.scale, 0.0) for u, along in found[-2:])
+        here, there = (Point(u, along / curve.scale, np.zeros(1)) for u, along in found[-2:])
         for i in reached[reached < n]:
             bound = box.low[i] if last[i] < box.low[i] else box.high[i]
             point = landing(curve, here, there, int(i), float(bound))
@@ -197,13 +210,13 @@ def _inside(
     return [*found[:-1], (np.clip(last, box.low, box.high), found[-1][1])], why, curve.scale
 
 
-def _reason(rest: Rest, curve: RestCurve, last: Point, why: str) -> str:
+def _reason(rest: Rest, curve: RestCurve, last: Point, why: Ending) -> Ending:
     """Return why a branch ends, with what is singular in the equations there."""
-    if why.startswith("the end of the interval") or "reaches its bound" in why or why in (CLOSED, AROUND):
+    if why.kind in ("interval", "bound", "closed"):
         return why
     beyond = last.u + STEP * curve.scale * last.tangent
     for u in (last.u, beyond):
         guilty = singular_terms(rest.system).vanishing(u[: rest.system.n], rest.vector(u[-1]))
         if guilty:
-            return f"{why}; {', '.join(guilty)}, which vanishes or is negative there"
+            return replace(why, what=f"{why.what}; {', '.join(guilty)}, which vanishes or is negative there")
     return why

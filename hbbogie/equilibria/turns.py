@@ -23,7 +23,7 @@ def turns(rest: Rest, box: Box, branch: RestBranch) -> tuple[Turn, ...]:
     """Return the folds and branch points of a branch."""
     curve = RestCurve(rest, box, branch.scale)
     tangents = branch.t / branch.scale
-    points = [Point(u, t, 0.0) for u, t in zip(branch.u, tangents, strict=True)]
+    points = [Point(u, t, np.zeros(rest.m)) for u, t in zip(branch.u, tangents, strict=True)]
     _, J = rest.evaluate(branch.u)
     rows = rest.rows(J, np.maximum(curve.scale, np.abs(branch.u)))
     bordered = np.concatenate([J / rows[:, :, None] * curve.scale, (tangents * curve.weights)[:, None]], axis=1)
@@ -35,7 +35,7 @@ def turns(rest: Rest, box: Box, branch: RestBranch) -> tuple[Turn, ...]:
         forks = [_branch_point(curve, a, b, i, np.maximum(rows[i], rows[i + 1]))] if signs[i] * signs[i + 1] < 0 else []
         found += forks
         if a.tangent[-1] * b.tangent[-1] < 0:
-            fold = located(curve, a, b, lambda point: float(point.tangent[-1]))
+            fold, _ = located(curve, a, b, lambda point: float(point.tangent[-1])) or (None, 0.0)
             near = np.inf if fold is None else min((_apart(curve, fold.u, f.u) for f in forks), default=np.inf)
             if fold is not None and near > SAME:
                 found.append(Turn("fold", fold.u, i))

@@ -55,6 +55,8 @@ class Equations:
     residual_scale : ndarray, shape (m,), unit of F
     phase : int or None
         Coordinate whose sine coefficient of the first harmonic is zero; None for equilibria.
+    cosines : dict of int to int
+        Coordinates whose first harmonic is among the unknowns: the place in z of its cosine coefficient.
     with_phase : callable or None
         (name of a coordinate, system) -> the equations with the phase set by that one; None where it was chosen.
     built : dict
@@ -77,6 +79,7 @@ class Equations:
     scale: Array
     residual_scale: Array
     phase: int | None
+    cosines: dict[int, int]
     with_phase: Callable[[str, System], Equations] | None = None
     built: dict[Any, Any] = field(default_factory=dict, repr=False)
 
@@ -85,14 +88,18 @@ class Equations:
         """Number of unknowns, and of equations."""
         return len(self.unknowns)
 
+    @property
+    def leading(self) -> int | None:
+        """Place in z of the cosine coefficient that is the first harmonic of the phase's coordinate, or None."""
+        return None if self.phase is None else self.cosines[self.phase]
+
     def phased(self, orbit: Orbit) -> Equations:
         """Return the equations with the phase set by a coordinate that moves in an orbit; these where theirs moves."""
         names = self.system.coordinate_names
         if self.phase is None or self.with_phase is None or orbit.H == 0 or orbit.coordinates != names:
             return self
         sizes = np.hypot(*orbit.coefficients[1:3])
-        able = [i for i, name in enumerate(names) if f"{name}, cosine of harmonic 1" in self.unknowns]
-        largest = max(able, key=lambda i: float(sizes[i]))
+        largest = max(self.cosines, key=lambda i: float(sizes[i]))
         return self if sizes[self.phase] > RESTING * sizes[largest] else self.with_phase(names[largest], self.system)
 
     def encode(self, orbit: Orbit) -> Array:

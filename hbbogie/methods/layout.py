@@ -79,6 +79,12 @@ class Layout:
             keep[self.S.index(self.phase) * self.waves + 1] = False
         return np.flatnonzero(keep)
 
+    @cached_property
+    def cosines(self) -> dict[int, int]:
+        """Place in z of the cosine coefficient of harmonic 1, by coordinate."""
+        first = {i: k * self.waves for k, i in enumerate(self.S if 1 in self.kept else ())}
+        return {i: int(np.searchsorted(self.keep, place)) for i, place in first.items()}
+
     @property
     def size(self) -> int:
         """Number of unknowns."""

@@ -35,7 +35,7 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
     lower, upper = -LARGEST * scale, LARGEST * scale
     if layout.phase is not None:
         scale[-1], lower[-1], upper[-1] = omega, omega * 1e-3, omega * 1e3
-        lower[layout.S.index(layout.phase) * layout.waves] = SMALLEST * size
+        lower[layout.cosines[layout.phase]] = SMALLEST * size
     rows = _row_scale(layout.parts, p, omega) * size
     means = rows if layout.means else np.empty(0)
     return Equations(
@@ -55,6 +55,7 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
         scale,
         np.r_[np.repeat(rows[list(assembly.R)], layout.waves), means],
         layout.phase,
+        layout.cosines,
         built=assembly.built,
     )
 

@@ -75,7 +75,7 @@ def _curves(found: Chart, heads: tuple[str, str]) -> Table:
         extent = float(c.values.min()), float(c.values.max())
         rows.append((i + 1, f"{kind}, {kinds}", len(c), low, high, *extent))
     formats = ("", "", "", ".6g", ".6g", ".6g", ".6g")
-    notes = tuple(f"Curve {i + 1}: {'; '.join(dict.fromkeys(c.ends))}." for i, c in enumerate(found.curves))
+    notes = tuple(f"Curve {i + 1}: {'; '.join(dict.fromkeys(map(str, c.ends)))}." for i, c in enumerate(found.curves))
     return Table("chart_curves", "Curves", columns, tuple(rows), formats, notes)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.results.ending import Ending
 from hbbogie.results.netcdf import read, write
 from hbbogie.results.orbit import Orbit, labels_of, pack, unpack
 
@@ -45,6 +46,8 @@ class SpecialPoint:
     criticality : {"subcritical", "supercritical", ""}
         Of a Hopf point from which a branch was traced: whether cycles begin beside the stable or the unstable
         equilibrium.
+    extremum : {"minimum", "maximum", ""}
+        Of a fold: of the parameter along the branch.
     """
 
     kind: str
@@ -55,6 +58,7 @@ class SpecialPoint:
     status: str
     onward: Orbit | None = None
     criticality: str = ""
+    extremum: str = ""
 
     @property
     def omega(self) -> float:
@@ -73,14 +77,14 @@ class Branch:
         Name of the continuation parameter.
     special : tuple of SpecialPoint
         Special points, in the order met.
-    ends : (str, str)
-        Why the branch ends where it begins and where it ends, sentences.
+    ends : (Ending, Ending)
+        Why the branch ends where it begins and where it ends.
     """
 
     orbits: tuple[Orbit, ...]
     parameter: str
     special: tuple[SpecialPoint, ...] = ()
-    ends: tuple[str, str] = ("", "")
+    ends: tuple[Ending, Ending] = (Ending(), Ending())
 
     def __len__(self) -> int:
         return len(self.orbits)
@@ -127,6 +131,7 @@ class Branch:
             data["special_kind"] = ("special", np.array([s.kind for s in self.special], dtype=str))
             data["special_status"] = ("special", np.array([s.status for s in self.special], dtype=str))
             data["special_criticality"] = ("special", np.array([s.criticality for s in self.special], dtype=str))
+            data["special_extremum"] = ("special", np.array([s.extremum for s in self.special], dtype=str))
             data["special_value"] = ("special", [s.value for s in self.special])
             data["special_interval"] = (("special", "bound"), [s.interval for s in self.special])
         beginning = [i for i, s in enumerate(self.special) if s.onward is not None]
@@ -137,7 +142,8 @@ class Branch:
         return xr.Dataset(
             data,
             coords=labels_of(self.orbits[0]),
-            attrs=attributes | {"continuation_parameter": self.parameter, "ends": json.dumps(self.ends)},
+            attrs=attributes
+            | {"continuation_parameter": self.parameter, "ends": json.dumps([astuple(end) for end in self.ends])},
         )
 
     @staticmethod
@@ -160,10 +166,13 @@ class Branch:
                         str(data["special_status"].values[i]),
                         onward.get(i),
                         str(data["special_criticality"].values[i]),
+                        str(data["special_extremum"].values[i]) if "special_extremum" in data else "",
                     )
                 )
-        ends = json.loads(data.attrs["ends"])
-        return Branch(tuple(unpack(data)), parameter, tuple(special), (ends[0], ends[1]))
+        # files of version 0.1 hold the sentences only
+        saved = json.loads(data.attrs["ends"])
+        first, last = (Ending(what=end) if isinstance(end, str) else Ending(*end) for end in saved)
+        return Branch(tuple(unpack(data)), parameter, tuple(special), (first, last))
 
     def save(self, path: str | Path) -> None:
         """Write the branch to a NetCDF file."""

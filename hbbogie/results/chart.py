@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.results.ending import Ending
 from hbbogie.results.netcdf import write
 
 if TYPE_CHECKING:
@@ -40,8 +41,8 @@ class CriticalCurve:
         both sides.
     residual : ndarray, shape (points,)
         Largest scaled residual of the equations that define each point.
-    ends : (str, str)
-        Why the curve ends where it begins and where it ends, sentences.
+    ends : (Ending, Ending)
+        Why the curve ends where it begins and where it ends.
     """
 
     kind: str
@@ -52,7 +53,7 @@ class CriticalCurve:
     character: tuple[str, ...]
     side: NDArray[np.int_]
     residual: Array
-    ends: tuple[str, str]
+    ends: tuple[Ending, Ending]
 
     def __len__(self) -> int:
         return len(self.values)
@@ -144,7 +145,7 @@ class Chart:
         for name, label in (("value", first), ("over_value", second), ("omega", "omega")):
             data[f"special_{label}"] = ("special", np.array([getattr(s, name) for s in self.special], dtype=float))
         attributes = {name: json.dumps(getattr(self, name)) for name in ("labels", "span", "interval", "notes")}
-        attributes |= {"ends": json.dumps([c.ends for c in curves])}
+        attributes |= {"ends": json.dumps([[str(end) for end in c.ends] for c in curves])}
         attributes |= {"without_fold": json.dumps(self.without_fold), "without_hopf": json.dumps(self.without_hopf)}
         names = {"system": self.system, "parameter": first, "over": second}
         return xr.Dataset(data, attrs=names | attributes)

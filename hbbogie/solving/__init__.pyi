@@ -1,4 +1,7 @@
 from .arclength import Curve as Curve
+from .arclength import Dense as Dense
+from .arclength import Linearised as Linearised
+from .arclength import Point as Point
 from .arclength import walk as walk
 from .expressions import Cycle as Cycle
 from .expressions import CycleFunction as CycleFunction

@@ -1,35 +1,99 @@
-"""Curves of solutions of n equations in n + 1 unknowns, by predictor and corrector in scaled arclength."""
+"""Curves of solutions of n equations in n + 1 unknowns, by predictor and corrector in scaled arclength.
+
+A curve is whatever gives its equations, linearised, at a point: `walk` asks for nothing else. Where the derivative is a
+full matrix, `Dense` does the rest.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
 from scipy.optimize import brentq
 
+from hbbogie.results.ending import Ending
+from hbbogie.solving.newton import ROUND_OFF
+
 Array = NDArray[np.float64]
-ITERATIONS = 8
+ITERATIONS = 10
 FEW, MANY = 3, 6  # Newton iterations that lengthen and shorten the step
-WIDEST_TURN = 0.95  # cosine of the largest angle between successive tangents
+WIDEST_TURN = 0.97  # cosine of the largest angle between successive tangents
 ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another curve
-SHORTEST = 1e-5  # step at which the walk gives up
-RADIUS = 1.0  # farthest that Newton's method may go in one step
+CAREFUL = 1e-3  # longest step that may lead to an end: longer ones may have jumped over what lies before it
+CROSSING = 1e-4  # longest step across a branch point: longer ones may have jumped to another curve
+CONTRACTION = 0.5  # largest ratio of successive corrections in a step that is not short
+FARTHEST = 2.0  # largest correction of an unknown, scaled: beyond lies another curve or nonsense
+ALIKE = 0.9  # cosine of the angle between the tangents up to which a curve may close
+
+
+class Linearised(Protocol):
+    """The equations of a curve at a point with their derivative J, shape (n, n + 1), in scaled unknowns."""
+
+    @property
+    def residual(self) -> Array:
+        """Residual of each equation, scaled, shape (n,)."""
+
+    def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
+        """Solve the equations bordered by one more row.
+
+        Parameters
+        ----------
+        plane : ndarray, shape (n + 1,)
+        right : ndarray, shape (n + 1,)
+
+        Returns
+        -------
+        x : ndarray, shape (n + 1,)
+            With J x = right[:-1] and plane . x = right[-1].
+        sign : float
+            Of det [J; plane]; 0 where it is not known.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the matrix is singular.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Linearised equations whose derivative is a full matrix.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n,)
+    jacobian : ndarray, shape (n, n + 1)
+        Both scaled.
+    """
+
+    residual: Array
+    jacobian: Array
+
+    def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
+        """Solve the bordered equations by LU factorisation, see `Linearised`."""
+        lu, pivots, x, singular = dgesv(np.vstack([self.jacobian, plane]), right)
+        if singular:
+            raise np.linalg.LinAlgError("the bordered Jacobian is singular")
+        swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
+        return x, float((-1) ** swaps * np.prod(np.sign(np.diag(lu))))
 
 
 class Curve(Protocol):
-    """A curve: implement ``evaluate`` and give the scales, and `walk` follows it.
+    """A curve: implement these, and `walk` follows it.
 
     Attributes
     ----------
     scale : ndarray, shape (n + 1,)
         Typical size of each unknown.
     weights : ndarray, shape (n + 1,)
-        1 for unknowns that count as distance, 0 for those that follow from them.
+        Of the inner product: 1 for unknowns that count as distance, 0 for those that follow from them.
     window : dict of int to (float, float)
-        Where the walk ends: limits of some of the unknowns.
+        Where the walk ends: limits of some of the unknowns, by their place.
     tolerance : float
         Largest scaled residual of a point.
     """
@@ -39,150 +103,289 @@ class Curve(Protocol):
     window: dict[int, tuple[float, float]]
     tolerance: float
 
-    def evaluate(self, u: Array) -> tuple[Array, Array]:
-        """Return the scaled residual, shape (n,), and its derivative in the scaled unknowns, shape (n, n + 1)."""
+    def linearise(self, u: Array) -> Linearised:
+        """Return the equations and their derivative at the unknowns."""
 
     def settle(self, u: Array) -> None:
         """Take note of a new point of the curve, such as for a normalisation that moves along."""
 
-    def leaves(self, u: Array) -> str:
-        """Return why the curve ends before these unknowns, or nothing."""
+    def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
+        """Return why the curve, which has these points, ends before the next one, or None."""
 
-    def at(self, index: int, value: float) -> str:
-        """Return the sentence for an end at a limit of an unknown."""
+    def at(self, index: int, value: float) -> Ending:
+        """Return the ending at a limit of an unknown."""
+
+    def where(self, u: Array) -> str:
+        """Return what tells people a place on the curve, such as ``V = 90``."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Point:
-    """A point of a curve: unknowns u, unit tangent in scaled unknowns, largest scaled residual."""
+    """A point of a curve.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n + 1,)
+        Unknowns.
+    tangent : ndarray, shape (n + 1,)
+        Unit vector along the curve, in scaled unknowns.
+    residual : ndarray, shape (n,)
+        Scaled.
+    orientation : float
+        Sign of det [J; tangent], which changes at branch points only; 0 where it is not known.
+    """
 
     u: Array
     tangent: Array
-    error: float
+    residual: Array
+    orientation: float = 0.0
+
+    @property
+    def error(self) -> float:
+        """Largest scaled residual."""
+        return float(np.abs(self.residual).max())
+
+    def turned(self) -> Point:
+        """Return the point with the curve followed the other way."""
+        return replace(self, tangent=-self.tangent, orientation=-self.orientation)
 
 
-def correct(curve: Curve, u: Array, normal: Array) -> tuple[Point | None, int]:
-    """Newton's method in the plane through u across ``normal``; also return the number of iterations."""
-    base = u
+def product(curve: Curve, a: Array, b: Array) -> float:
+    """Return the inner product of two vectors of scaled unknowns."""
+    return float((curve.weights * a) @ b)
+
+
+def distance(curve: Curve, a: Point, b: Point) -> float:
+    """Return how far b lies from a, along the tangent at a."""
+    return product(curve, a.tangent, (b.u - a.u) / curve.scale)
+
+
+def gap(curve: Curve, a: Point, b: Point) -> float:
+    """Return how far b lies from a, as the crow flies."""
+    chord = (b.u - a.u) / curve.scale
+    return product(curve, chord, chord) ** 0.5
+
+
+def point_at(curve: Curve, u: Array, plane: Array) -> Point:
+    """Return the point at unknowns that solve the equations, its tangent on the positive side of a plane.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the plane holds the tangent, or there is more than one.
+    """
+    return _point(curve, u, plane, curve.linearise(u))
+
+
+def _point(curve: Curve, u: Array, plane: Array, line: Linearised) -> Point:
+    t, sign = line.solve(plane, np.append(np.zeros(len(u) - 1), 1.0))
+    # the tangent lies on the positive side of the plane: as the last row it leaves the sign as it is
+    return Point(u, t / product(curve, t, t) ** 0.5, line.residual, sign)
+
+
+def correct(curve: Curve, u: Array, plane: Array, contraction: float = np.inf) -> tuple[Point | None, int]:
+    """Newton's method in the plane through u across a vector.
+
+    Parameters
+    ----------
+    curve : Curve
+    u : ndarray, shape (n + 1,)
+        Where it begins.
+    plane : ndarray, shape (n + 1,)
+        In scaled unknowns.
+    contraction : float
+        Largest ratio of a correction to the one before.
+
+    Returns
+    -------
+    point : Point or None
+        With the tangent on the positive side of the plane; None where none is found.
+    iterations : int
+    """
+    base, met, last = u, False, np.inf
     for iteration in range(ITERATIONS):
-        G, J = curve.evaluate(u)
-        error = float(np.abs(G).max())
-        if not np.isfinite(error) or not np.isfinite(J).all():
+        line = curve.linearise(u)
+        error, off = float(np.abs(line.residual).max()), plane @ ((u - base) / curve.scale)
+        if not np.isfinite(error):
             return None, iteration
-        bordered = np.vstack([J, normal])
+        near = error <= curve.tolerance and bool(abs(off) <= 1e-9)
         try:
-            if error <= curve.tolerance:
-                tangent = np.linalg.solve(bordered, np.append(np.zeros(len(G)), 1.0))
-                return Point(u, tangent / np.linalg.norm(tangent * curve.weights), error), iteration
-            step = np.linalg.solve(bordered, -np.append(G, normal @ ((u - base) / curve.scale)))
+            if near and (met or error <= ROUND_OFF * curve.tolerance):
+                return _point(curve, u, plane, line), iteration
+            met = near  # one more step is cheap and leads to round-off
+            step, _ = line.solve(plane, -np.append(line.residual, off))
         except np.linalg.LinAlgError:
             return None, iteration
-        if np.abs(step * curve.weights).max() > RADIUS:  # left the neighbourhood
+        size = float(np.abs(curve.weights * step).max())
+        if not size <= FARTHEST or (size > contraction * last and not met):
             return None, iteration
-        u = u + curve.scale * step
+        u, last = u + curve.scale * step, size
     return None, ITERATIONS
 
 
 def advance(curve: Curve, point: Point, length: float) -> tuple[Point | None, int]:
-    """Return the point at a distance along the tangent, its tangent in the same direction."""
-    return correct(curve, point.u + length * curve.scale * point.tangent, point.tangent * curve.weights)
+    """Return the point at a distance along the tangent, its tangent in the same direction, and the iterations."""
+    start = point.u + length * curve.scale * point.tangent
+    # a short step leads to no other curve, however Newton's method gets along, as next to a kink
+    return correct(curve, start, curve.weights * point.tangent, CONTRACTION if length > CAREFUL else np.inf)
 
 
 def walk(
-    curve: Curve, first: Point, *, step: float = 0.02, longest: float = 0.1, most: int = 400
-) -> tuple[list[Point], str]:
-    """Follow a curve from a point in the direction of its tangent; return the points and why it ends.
+    curve: Curve,
+    first: Point,
+    *,
+    step: float = 0.02,
+    longest: float = 0.1,
+    shortest: float = 1e-5,
+    most: int = 400,
+    progress: Callable[[Point], None] | None = None,
+) -> tuple[list[Point], Ending]:
+    """Follow a curve from a point in the direction of its tangent.
+
+    The sign of det [J; tangent] tells the curve from others near by: it changes at a branch point only. A step over
+    which it changes is halved, until it is too short for anything but a branch point.
 
     Parameters
     ----------
     curve : Curve
     first : Point
     step, longest : float
-        First and longest step in scaled arclength.
+        First and longest step in scaled arclength. The first is lengthened where no shorter one leads anywhere, as
+        from a special point that is only nearly where branches cross.
+    shortest : float
+        Step at which the walk gives up.
     most : int
         Largest number of points.
+    progress : callable, optional
+        Called with each new point.
+
+    Returns
+    -------
+    points : list of Point
+    ending : Ending
+        Why it ends: that of the curve, or "closed", "stuck" or "points".
     """
-    points, length = [first], step
+    points, length, least, before = [first], step, shortest, 0.0
     curve.settle(first.u)
     while len(points) < most:
         here = points[-1]
         there, iterations = advance(curve, here, length)
-        if there is None or _turn(curve, here, there) < WIDEST_TURN or _distance(curve, here, there) > ASIDE * length:
+        if there is None or (refusal := _refusal(curve, here, there, length)):
             length /= 2
-            if length < SHORTEST:
-                return points, STUCK
+            if length >= least:
+                continue
+            if len(points) > 1 or 2 * step > longest:
+                why = refusal if there else "Newton's method finds no solution there"
+                place = f"beyond {curve.where(here.u)} with steps down to {shortest:g}"
+                return points, Ending("stuck", f"no further point was found {place}: {why}")
+            step = length = least = 2 * step
+            continue
+        flips = here.orientation * there.orientation < 0
+        if flips and length > CROSSING:
+            before = max(before, length)
+            length /= 2
+            continue
+        if end := curve.leaves(points, there):
+            if length <= CAREFUL:
+                return points, end
+            length /= 2
             continue
         for index, (low, high) in curve.window.items():
             if not low <= there.u[index] <= high:
                 bound = low if there.u[index] < low else high
                 last = landing(curve, here, there, index, bound)
-                return points + ([last] if last is not None else []), curve.at(index, bound)
-        if reason := curve.leaves(there.u):
-            if length <= step:
-                return points, reason
-            length = max(length / 2, 0.9 * step)
-            continue
+                return [*points, *([last] if last else [])], curve.at(index, bound)
+        if progress:
+            progress(there)
         if len(points) > 10 and _closes(curve, points, there):
-            return [*points, first], CLOSED
+            return [*points, first], Ending("closed", "the curve closes on itself")
         points.append(there)
         curve.settle(there.u)
-        length = min(length * (1.5 if iterations <= FEW else 0.6 if iterations >= MANY else 1.0), longest)
-    return points, f"the largest number of points, {most}, was reached"
+        length = before if flips else length * (1.5 if iterations <= FEW else 0.6 if iterations >= MANY else 1.0)
+        length, least, before = min(length, longest), shortest, 0.0 if flips else before
+    return points, Ending("points", f"the largest number of points, {most}, was reached")
 
 
-CLOSED = "the curve closes on itself"
-STUCK = f"no further point was found with steps down to {SHORTEST:g}"
+def _refusal(curve: Curve, here: Point, there: Point, length: float) -> str:
+    """Return why a point is not taken for the next one, or nothing."""
+    if product(curve, here.tangent, there.tangent) < WIDEST_TURN:
+        return "the curve turns sharply there"
+    return "what is found there lies on another curve" if gap(curve, here, there) > ASIDE * length else ""
+
+
+def _closes(curve: Curve, points: Sequence[Point], there: Point) -> bool:
+    start, here = points[0], points[-1]
+    nearer = gap(curve, start, there) < gap(curve, here, there)
+    return nearer and product(curve, start.tangent, there.tangent) > ALIKE
 
 
 def landing(curve: Curve, here: Point, there: Point, index: int, value: float) -> Point | None:
-    """Return the point between two others at which an unknown has a value, or None where it is not found."""
+    """Return the point between two others at which an unknown has a value.
+
+    None where it is not found, or is the first of the two.
+    """
     share = (value - here.u[index]) / (there.u[index] - here.u[index])
+    if not share > 1e-9:
+        return None
     u = here.u + share * (there.u - here.u)
     u[index] = value
     across = np.zeros(len(u))
     across[index] = 1.0
     found, _ = correct(curve, u, across)
-    if found is None:
-        return None
-    along = np.sign((found.tangent * curve.weights) @ here.tangent) or 1.0
-    return Point(found.u, along * found.tangent, found.error)
+    return found and towards(curve, found, here.tangent)
 
 
-def located(curve: Curve, a: Point, b: Point, test: Callable[[Point], float]) -> Point | None:
-    """Return the point between two others where a function of the point changes its sign, or None.
+def towards(curve: Curve, point: Point, direction: Array) -> Point:
+    """Return a point with its tangent turned towards a direction."""
+    return point if product(curve, point.tangent, direction) >= 0 else point.turned()
 
-    Bracketing in the distance along the tangent at the first point, down to round-off.
+
+def located(curve: Curve, a: Point, b: Point, test: Callable[[Point], float]) -> tuple[Point, float] | None:
+    """Return the point between two others at which a function of the point changes its sign.
+
+    Returns
+    -------
+    point : Point
+    error : float
+        Length of arc by which the point may be off, by what is left of the function.
+
+    Where the curve cannot be followed all the way, as next to a crossing branch, the nearest point found and the rest
+    of the bracket. None where nothing is found at all.
     """
-    distance = float((a.tangent * curve.weights) @ ((b.u - a.u) / curve.scale))
-    found: dict[float, Point] = {0.0: a, distance: b}
+    curve.settle(a.u)
+    whole = distance(curve, a, b)
+    found = {0.0: (a, test(a)), whole: (b, test(b))}
 
     def value(length: float) -> float:
         if length not in found:
-            point, _ = advance(curve, a, length)
+            # close to a crossing branch Newton's method needs a start that is closer to this one than to that
+            before = max(s for s in found if s < length)
+            after = min(s for s in found if s > length)
+            start = _between(curve, a, (before, found[before][0]), (after, found[after][0]), length)
+            point, _ = correct(curve, start, curve.weights * a.tangent)
             if point is None:
-                raise ArithmeticError
-            found[length] = point
-        return test(found[length])
+                return float("nan")
+            found[length] = point, test(point)
+        return found[length][1]
 
-    curve.settle(a.u)
+    slope = (found[whole][1] - found[0.0][1]) / whole
     try:
-        root = float(brentq(value, 0.0, distance, xtol=1e-13, rtol=1e-12))
-        value(root)
-    except (ValueError, RuntimeError, ArithmeticError):
-        return None
-    return found[root]
+        value(float(brentq(value, 0.0, whole, xtol=1e-13, rtol=1e-13, maxiter=60)))
+    except (ValueError, RuntimeError):
+        known = sorted((s, v) for s, (_, v) in found.items() if np.isfinite(v))
+        brackets = [(q[0] - p[0], p, q) for p, q in pairwise(known) if p[1] * q[1] <= 0]
+        if not brackets:
+            return None
+        width, *ends = min(brackets)
+        return found[min(ends, key=lambda end: abs(end[1]))[0]][0], width
+    point, left = found[min(found, key=lambda s: abs(found[s][1]) if np.isfinite(found[s][1]) else np.inf)]
+    return point, abs(left / slope)
 
 
-def _turn(curve: Curve, a: Point, b: Point) -> float:
-    """Return the cosine of the angle between two tangents."""
-    return float((a.tangent * curve.weights) @ b.tangent)
-
-
-def _distance(curve: Curve, a: Point, b: Point) -> float:
-    return float(np.linalg.norm((b.u - a.u) / curve.scale * curve.weights))
-
-
-def _closes(curve: Curve, points: list[Point], there: Point) -> bool:
-    start, here = points[0], points[-1]
-    nearer = _distance(curve, start, there) < _distance(curve, here, there)
-    return nearer and _turn(curve, start, there) > 0.9
+def _between(curve: Curve, a: Point, before: tuple[float, Point], after: tuple[float, Point], length: float) -> Array:
+    """Return the cubic through two points and their tangents at a length along the tangent at a."""
+    (s0, p0), (s1, p1) = before, after
+    x, h = (length - s0) / (s1 - s0), s1 - s0
+    rates = [curve.scale * p.tangent / product(curve, a.tangent, p.tangent) for p in (p0, p1)]
+    between = p0.u * (1 + 2 * x) * (1 - x) ** 2 + p1.u * x**2 * (3 - 2 * x)
+    return np.asarray(between + h * (rates[0] * x * (1 - x) ** 2 - rates[1] * x**2 * (1 - x)))

@@ -54,6 +54,27 @@ class Buffered:
         return [a.copy() for a in self.outputs]
 
 
+@dataclass(frozen=True)
+class Bound:
+    """A bound that an unknown has met.
+
+    Attributes
+    ----------
+    place : int
+        Of the unknown.
+    name : str
+        The unknown's, for people.
+    side : {"lower", "upper"}
+    """
+
+    place: int
+    name: str
+    side: str
+
+    def __str__(self) -> str:
+        return f"{self.name} at its {self.side} bound"
+
+
 class Problem:
     """The equations with their conditions as a scaled root-finding problem in y = (z, p[free]).
 
@@ -103,15 +124,11 @@ class Problem:
         """Return the orbit that belongs to y."""
         return self.equations.decode(y[: self.equations.size], self.parameters(y), status)
 
-    def violated(self, y: Array, slack: float = 0.0) -> list[str]:
-        """Return labels of the unknowns that lie on or beyond a bound."""
-        names = [*self.equations.unknowns, *(self.equations.system.parameter_names[i] for i in self.free)]
+    def violated(self, y: Array, slack: float = 0.0) -> list[Bound]:
+        """Return the bounds that unknowns lie on or beyond."""
         low, high = y <= self.lower + slack * self.scale, y >= self.upper - slack * self.scale
-        return [
-            f"{name} at its {'lower' if a else 'upper'} bound"
-            for name, a, b in zip(names, low, high, strict=True)
-            if a or b
-        ]
+        names = [*self.equations.unknowns, *(self.equations.system.parameter_names[i] for i in self.free)]
+        return [Bound(int(i), names[i], "lower" if low[i] else "upper") for i in np.flatnonzero(low | high)]
 
 
 def first_harmonic(equations: Equations, conditions: Conditions) -> ca.Function:

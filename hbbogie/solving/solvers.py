@@ -209,7 +209,7 @@ def _failure(problem: Problem, y: Array, statistics: dict[str, Any]) -> Converge
         int(np.nanargmax(np.where(np.isfinite(scaled), scaled, np.inf))),
         problem.violated(y, 1e-6),
     )
-    small = any("lower bound" in b and "cosine of harmonic 1" in b for b in bounds)
+    small = any(bound.place == problem.equations.leading and bound.side == "lower" for bound in bounds)
     advice = (
         "the cycle shrank to the equilibrium: there may be no cycle at these parameters; look where cycles exist with "
         "find_cycles or trace"
@@ -223,7 +223,7 @@ def _failure(problem: Problem, y: Array, statistics: dict[str, Any]) -> Converge
     text = (
         f"no cycle found ({problem.equations.method}; {statistics.get('return_status', 'stopped')} after "
         f"{statistics.get('iterations', 0)} iterations). Worst: {problem.rows[worst]}, scaled residual "
-        f"{scaled[worst]:.2e}. Active bounds: {', '.join(bounds) or 'none'}."
+        f"{scaled[worst]:.2e}. Active bounds: {', '.join(map(str, bounds)) or 'none'}."
         + (f" Last value of {', '.join(f'{k} = {v:g}' for k, v in at.items())}." if at else "")
         + f" What to try: {advice}."
     )

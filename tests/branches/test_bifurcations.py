@@ -10,8 +10,9 @@ from known_cycles import lure
 
 import hbbogie as hb
 from hbbogie import Coordinate, Element, HarmonicBalance, ModelError, Parameter, System, fourier
-from hbbogie.branches import Point, crossings, onset
+from hbbogie.branches import crossings, onset
 from hbbogie.model import DeadBand
+from hbbogie.solving import Point
 
 circuit = hb.load_problem("circuit")
 
@@ -165,7 +166,7 @@ class TestSwitching:
         system = circuit.circuit(**circuit.BIASED)
         point = only(biased, "period doubling")
         doubled = hb.trace(HarmonicBalance(50).equations(system), point, "v", (-0.617, -0.5), max_points=12)
-        assert "period doubling" in doubled.ends[0]
+        assert "period doubling" in str(doubled.ends[0])
         first = doubled.orbits[0]
         assert first.period == pytest.approx(2 * point.orbit.period, rel=1e-3)
         odd = fourier.rows_of(range(1, first.H + 1, 2))

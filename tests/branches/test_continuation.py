@@ -66,7 +66,7 @@ class TestBogieBranch:
         assert branch.orbits[0].amplitude("q1") == pytest.approx(0.0091, rel=1e-6)
         assert branch.values[0] == pytest.approx(90.974, abs=5e-4)
         assert branch.values[-1] == 190.0
-        assert "Hopf point" in branch.ends[0] and "end of the interval" in branch.ends[1]
+        assert "Hopf point" in str(branch.ends[0]) and "end of the interval" in str(branch.ends[1])
 
     @pytest.mark.parametrize(("H", "fold"), [(1, 87.754), (3, 88.427), (5, 88.642), (9, 88.760), (15, 88.763)])
     def test_fold_by_highest_harmonic(self, bogie, H, fold):
@@ -91,7 +91,7 @@ class TestBogieBranch:
 
     def test_from_the_middle_in_both_directions(self, balance, branch):
         whole = hb.trace(balance, branch.orbits[20], "V", (60.0, 190.0))
-        assert "first harmonic vanishes" in whole.ends[0]
+        assert "first harmonic vanishes" in str(whole.ends[0])
         assert whole.values[-1] == 190.0
         (fold,) = whole.folds()
         assert fold.value == pytest.approx(branch.folds()[0].value, rel=1e-8)
@@ -149,7 +149,7 @@ def test_a_closed_branch_is_noticed():
     r = np.sqrt(1.2)
     start = hb.Orbit("isola", ("x", "y"), ("", ""), np.array([[0, 0], [r, 0], [0, r]]), 1.0, {"mu": 0.0})
     branch = hb.trace(equations, start, "mu", (-1.0, 1.0), longest=0.05)
-    assert "closes on itself" in branch.ends[1]
+    assert "closes on itself" in str(branch.ends[1])
     np.testing.assert_allclose(sorted(f.value for f in branch.folds()), [-0.2, 0.2], rtol=1e-8)
 
 

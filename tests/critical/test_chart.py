@@ -62,7 +62,7 @@ class TestBautin:
         assert bautin.over_value == pytest.approx(0.0, abs=1e-10)
         (fold,) = bautin_chart.folds
         assert fold.extent == pytest.approx((0.0, 1.0), abs=1e-10)
-        assert "ends on a curve of Hopf points" in " ".join(fold.ends)
+        assert "ends on a curve of Hopf points" in " ".join(map(str, fold.ends))
 
     def test_hopf_points(self, bautin_chart):
         (hopf,) = bautin_chart.hopf
@@ -125,7 +125,7 @@ def test_a_closed_curve_of_hopf_points_with_its_turning_points():
     chart = hb.chart(system, "V", "s", (-1.0, 1.0), span=(0.0, 2.0), harmonics=1)
     (hopf,) = chart.hopf
     np.testing.assert_allclose((hopf.values - 1) ** 2 + hopf.over_values**2, 0.25, atol=1e-9)
-    assert hopf.ends == ("the curve closes on itself",) * 2
+    assert tuple(map(str, hopf.ends)) == ("the curve closes on itself",) * 2
     turns = sorted(p.over_value for p in points_of(chart, "turning point"))
     assert turns == pytest.approx([-0.5, 0.5], abs=1e-9)
     assert np.array(chart.without_hopf) == pytest.approx(np.array([(-1.0, -0.5), (0.5, 1.0)]), abs=1e-9)

@@ -157,7 +157,7 @@ class TestIsola:
         main = hb.trace(equations, hopf, "mu", module.RANGE, stability=False)
         assert main.folds() == ()
         (found,) = isolated_branches(equations, "mu", module.RANGE, [main], attempts=20)
-        assert "closes on itself" in found.ends[0]
+        assert "closes on itself" in str(found.ends[0])
         folds = sorted(found.folds(), key=lambda s: s.value)
         assert [s.value for s in folds] == pytest.approx([-0.5, 0.5], abs=1e-8)
         assert [s.orbit.first_harmonic("x") ** 2 for s in folds] == pytest.approx([2.0, 2.0], abs=1e-3)

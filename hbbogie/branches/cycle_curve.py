@@ -1,0 +1,107 @@
+"""The curve of cycles over a parameter that `hbbogie.solving.arclength` follows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.methods.equations import Equations
+from hbbogie.results import Orbit
+from hbbogie.results.ending import Ending
+from hbbogie.solving.arclength import Dense, Point
+from hbbogie.solving.newton import Conditions, Problem
+
+Array = NDArray[np.float64]
+VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
+PATIENCE = 20  # points at one parameter value after which a branch counts as a family
+
+
+class CycleCurve:
+    """The cycles of equations over a parameter, as a curve in (z, parameter), scaled (eq-arclength).
+
+    Parameters
+    ----------
+    equations : Equations
+    parameter : str
+    interval : (float, float), unit of the parameter
+        Where the curve ends. A quarter of its width counts as much as one unit of amplitude.
+    p : ndarray, shape (number of parameters,)
+    tolerance : float
+        Largest scaled residual of a point.
+    families : bool
+        Whether the curve goes on where the parameter does not vary along it.
+    """
+
+    def __init__(
+        self,
+        equations: Equations,
+        parameter: str,
+        interval: tuple[float, float],
+        p: Array,
+        tolerance: float,
+        families: bool = True,
+    ):
+        place = equations.system.parameter_names.index(parameter)
+        self.problem = Problem(equations, Conditions((place,)), p)
+        self.problem.lower[-1], self.problem.upper[-1] = -np.inf, np.inf  # the window bounds it
+        self.equations, self.parameter, self.families = equations, parameter, families
+        self.scale = np.append(equations.scale, (interval[1] - interval[0]) / 4)
+        self.weights, self.window = np.ones(len(self.scale)), {equations.size: interval}
+        self.rows, self.tolerance = equations.residual_scale, tolerance
+
+    def evaluate(self, u: Array) -> tuple[Array, Array]:
+        """Return scaled residual, shape (m,), and Jacobian, shape (m, m + 1)."""
+        F, J = self.problem.evaluate(u)
+        return F / self.rows, J / self.rows[:, None] * self.scale
+
+    def linearise(self, u: Array) -> Dense:
+        """Return the equations and their derivative."""
+        return Dense(*self.evaluate(u))
+
+    def settle(self, u: Array) -> None:
+        """Take note of nothing."""
+
+    def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
+        """Return why the branch ends before a point: it is a family, or a bound is met."""
+        place, last = self.where(points[-1].u), points[-PATIENCE:]
+        if not self.families and len(points) > PATIENCE and all(abs(p.tangent[-1]) < VERTICAL for p in last):
+            constant = f"{place} does not vary along the branch"
+            return Ending("family", f"{constant}: a family of cycles, as of a conservative system")
+        met = self.problem.violated(there.u)
+        if any(bound.place == self.equations.leading and bound.side == "lower" for bound in met):
+            return Ending(
+                "vanishes", f"the first harmonic vanishes at {place}: an equilibrium, or a cycle of half the period"
+            )
+        return Ending("bound", f"a bound was reached at {place}: {', '.join(map(str, met))}") if met else None
+
+    def at(self, index: int, value: float) -> Ending:
+        """Return the ending at a limit of the parameter."""
+        return Ending("interval", f"the end of the interval was reached, {self.parameter} = {value:.6g}")
+
+    def where(self, u: Array) -> str:
+        """Return the parameter's value, for people."""
+        return f"{self.parameter} = {u[-1]:.6g}"
+
+    def branching(self, point: Point) -> float:
+        """Return a number that changes its sign where another branch crosses, never at a fold (eq-branching).
+
+        The smallest singular value of the Jacobian bordered by the tangent, with the sign of the determinant.
+        """
+        bordered = np.vstack([self.evaluate(point.u)[1], point.tangent])
+        sign = np.linalg.slogdet(bordered)[0]
+        return float(sign * np.linalg.svd(bordered, compute_uv=False)[-1])
+
+    def inaccuracy(self, point: Point, left: float) -> float:
+        """Return the length of arc by which a point may be off for what is left of the equations there.
+
+        Where branches cross that is the root of it.
+        """
+        size = abs(self.branching(point))
+        return left / size if size > left**0.5 else left**0.5
+
+    def orbit(self, point: Point, status: str = "converged by pseudo-arclength continuation") -> Orbit:
+        """Return the cycle of a point."""
+        m = self.equations.size
+        return self.equations.decode(point.u[:m], self.problem.parameters(point.u), status, point.residual * self.rows)
