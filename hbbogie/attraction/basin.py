@@ -14,7 +14,7 @@ from multiprocessing import get_context
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.attraction.endings import Ends, Place, follow, place_of, states_of, steps_for
+from hbbogie.attraction.endings import Ends, Place, decide, place_of, states_of, steps_for
 from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.branches.judging import stability_of
 from hbbogie.branches.simulated import distinct
@@ -272,7 +272,7 @@ class _Job:
         if place is None:
             return _failed(len(x), "no equilibrium was found")
         try:
-            return follow(self.system, place, place.equilibrium + x, self.longest[i], self.steps, stopped)
+            return decide(self.system, place, place.equilibrium + x, self.longest[i], self.steps, stopped)
         except (RuntimeError, np.linalg.LinAlgError) as error:
             return _failed(len(x), str(error))
 

@@ -89,8 +89,8 @@ class Cycle:
         return law.force.map(samples)(u, ca.repmat(self._p, 1, samples)).T
 
 
-Quantity = Callable[[Cycle], ca.MX]
-Limit = tuple[Quantity, float | None, float | None]
+CycleFunction = Callable[[Cycle], ca.MX]
+Constraint = tuple[CycleFunction, float | None, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +137,8 @@ def minimise(
     equations: Equations,
     guess: Orbit,
     free: Sequence[str],
-    objective: Quantity,
-    subject_to: Sequence[Limit] = (),
+    objective: CycleFunction,
+    subject_to: Sequence[Constraint] = (),
     *,
     reach: float = REACH,
     tolerance: float = 1e-9,
@@ -240,7 +240,7 @@ def _check(free: Sequence[str], objective: Any, subject_to: Any, fixed: Mapping[
             )
 
 
-def _expression(function: Quantity, cycle: Cycle) -> ca.MX:
+def _expression(function: CycleFunction, cycle: Cycle) -> ca.MX:
     """Return what an objective or limit says of a cycle; raise `ModelError` when it is no expression."""
     value: Any = function(cycle)
     try:
@@ -291,7 +291,7 @@ def _row_scales(slopes: Array, sizes: Sequence[int]) -> Array:
     return np.repeat([value if value > 0 else 1.0 for value in largest], sizes)
 
 
-def _limits(subject_to: Sequence[Limit], sizes: Sequence[int]) -> tuple[Array, Array]:
+def _limits(subject_to: Sequence[Constraint], sizes: Sequence[int]) -> tuple[Array, Array]:
     """Return lower and upper limits of all entries; raise `ModelError` when they contradict each other."""
     low, high = [], []
     for i, ((_, lower, upper), size) in enumerate(zip(subject_to, sizes, strict=True)):
@@ -303,7 +303,7 @@ def _limits(subject_to: Sequence[Limit], sizes: Sequence[int]) -> tuple[Array, A
     return np.array(low), np.array(high)
 
 
-def _build(equations: Equations, free: tuple[int, ...], functions: Sequence[Quantity]) -> _Program:
+def _build(equations: Equations, free: tuple[int, ...], functions: Sequence[CycleFunction]) -> _Program:
     """Return the program's functions, built once for the same free parameters and callables."""
     m, n_p, n_y = equations.size, equations.residual.size1_in(1), equations.size + len(free)
     z, p = ca.MX.sym("z", m), ca.MX.sym("p", n_p)

@@ -15,7 +15,7 @@ from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving import optimum
 from hbbogie.solving.newton import Conditions, Problem, first_harmonic, newton
-from hbbogie.solving.optimum import Limit, Optimum, Quantity
+from hbbogie.solving.optimum import Constraint, CycleFunction, Optimum
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ def solve(
     free: str | None = ...,
     amplitude: Mapping[str, float] | None = ...,
     minimise: None = ...,
-    subject_to: Sequence[Limit] = ...,
+    subject_to: Sequence[Constraint] = ...,
     method: str = ...,
     tolerance: float = ...,
     **fixed: float,
@@ -104,8 +104,8 @@ def solve(
     *,
     free: str | Sequence[str] | None = ...,
     amplitude: Mapping[str, float] | None = ...,
-    minimise: Quantity,
-    subject_to: Sequence[Limit] = ...,
+    minimise: CycleFunction,
+    subject_to: Sequence[Constraint] = ...,
     method: str = ...,
     tolerance: float = ...,
     **fixed: float,
@@ -118,8 +118,8 @@ def solve(
     *,
     free: str | Sequence[str] | None = None,
     amplitude: Mapping[str, float] | None = None,
-    minimise: Quantity | None = None,
-    subject_to: Sequence[Limit] = (),
+    minimise: CycleFunction | None = None,
+    subject_to: Sequence[Constraint] = (),
     method: str = "auto",
     tolerance: float = 1e-10,
     **fixed: float,
