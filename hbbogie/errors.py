@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-if TYPE_CHECKING:
-    pass
 
 
 class ModelError(ValueError):
@@ -31,7 +26,7 @@ def positive(name: str, value: float, unit: str) -> float:
         number = float(value)
     except (TypeError, ValueError):
         number = float("nan")
-    if not (np.isfinite(number) and number > 0):
+    if not (math.isfinite(number) and number > 0):
         raise ModelError(
             f"{name}: got {value!r}; give a finite number above 0" + (f" in {unit}." if unit != "1" else ".")
         )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbbogie.commandline.app import AsJson, app, command
+from hbbogie.commandline.application import AsJson, app, command
 
 if TYPE_CHECKING:
     from hbbogie.reports.report import Report

@@ -1,4 +1,4 @@
-from .critical_job import critical as critical
+from .critical_job import smallest_critical as smallest_critical
 from .dataset import dataset_of as dataset_of
 from .dataset import export as export
 from .distributions import Scaled as Scaled

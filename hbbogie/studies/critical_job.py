@@ -6,7 +6,7 @@ from typing import Any
 
 from hbbogie.critical.folds import Critical
 from hbbogie.critical.hopf_gradients import hopf_gradient
-from hbbogie.critical.lowest import _all, _lowest, _warm
+from hbbogie.critical.lowest import all_folds, lowest_fold, warm_fold
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -17,7 +17,7 @@ Outputs = dict[str, Any]
 SEARCHES = ("lowest", "all", "warm")
 
 
-def critical(
+def smallest_critical(
     system: System,
     parameter: str = "V",
     interval: tuple[float, float] | None = None,
@@ -67,11 +67,11 @@ def critical(
     equations = HarmonicBalance(harmonics).equations(system)
     hopf = hopf_gradient(system, points[0])
     if search == "all":
-        followed = [_all(equations, point, span) for point in points]
+        followed = [all_folds(equations, point, span) for point in points]
     elif search == "warm" and len(points) == 1:
-        followed = [_warm(equations, points[0], span)]
+        followed = [warm_fold(equations, points[0], span)]
     else:
-        followed = [_lowest(equations, point, span, hopf.value) for point in points]
+        followed = [lowest_fold(equations, point, span, hopf.value) for point in points]
     folds = [c for f in followed for c in f.folds]
     if search != "all":
         folds, where = [c for c in folds if c.value < hopf.value], f"from {span[0]:g} to the Hopf point"

@@ -22,11 +22,11 @@ from hbbogie.reports import report_of, write_html
 from hbbogie.reports.study import _most_correlated
 from hbbogie.studies import (
     Scaled,
-    critical,
     exceedance,
     independent,
     named_distribution,
     prediction,
+    smallest_critical,
     sobol_indices,
 )
 from hbbogie.units import unit_factor
@@ -432,7 +432,7 @@ class TestCritical:
         points = studies.latin_hypercube(studies.around(bogie, 0.2, names), 4, seed=8)
         for i in range(4):
             system = bogie.with_parameters(**points.point(i))
-            short = critical(system, interval=(40.0, 160.0))
+            short = smallest_critical(system, interval=(40.0, 160.0))
             long = hb.critical_speeds(system, "V", (40.0, 160.0), harmonics=15)
             assert not short["failed"] and short["critical"] == pytest.approx(long[0].value, rel=1e-9)
             assert short["kind"] == long[0].kind
