@@ -1,2 +1,2 @@
-from .application import app as app
+from .main import app as app
 from .terminal import print_table as print_table
