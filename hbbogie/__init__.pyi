@@ -3,6 +3,7 @@ from . import branches as branches
 from . import critical as critical
 from . import design as design
 from . import equilibria as equilibria
+from . import exact as exact
 from . import methods as methods
 from . import model as model
 from . import motion as motion
@@ -21,6 +22,7 @@ from .critical.folds import fold as fold
 from .critical.speeds import critical_speeds as critical_speeds
 from .design.identification import identify as identify
 from .design.optimisation import optimise as optimise
+from .equilibria.find import find_equilibria as find_equilibria
 from .equilibria.hopf import hopf_points as hopf_points
 from .errors import ModelError as ModelError
 from .methods.describing_balance import DescribingFunction as DescribingFunction

@@ -47,5 +47,5 @@ def unit_factor(given: str, own: str, name: str) -> float:
         if given == prefix + bare:
             return factor / own_factor
     raise ModelError(
-        f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with a prefix or without."
+        f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with or without a prefix."
     )

@@ -10,12 +10,13 @@ import matplotlib
 import pytest
 from typer.testing import CliRunner
 
+import hbbogie
 from hbbogie.commandline import app
 
 matplotlib.use("Agg")
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 CODE = re.compile(r"```python\n(.*?)```", re.DOTALL)
 
 
@@ -93,9 +94,15 @@ def test_commands_of_the_readme_exist():
     assert commands == registered
 
 
-def test_every_module_is_in_the_reference():
-    reference = (DOCS / "api.md").read_text("utf-8")
-    for path in (ROOT / "hbbogie").rglob("*.py"):
-        name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-        if not name.endswith("__main__") and "hbbogie.problems" not in name:
-            assert f"automodule:: {name}\n" in reference, name
+def test_every_wing_has_its_page_in_the_reference():
+    """The modules beside the wings, and what is imported from `hbbogie` itself, stand on the first page."""
+    reference, package = (DOCS / "api.md").read_text("utf-8"), ROOT / "hbbogie"
+    wings = {path.parent.name for path in package.glob("*/__init__.py")} - {"problems"}
+    for wing in wings:
+        page = (DOCS / "api" / f"{wing}.md").read_text("utf-8")
+        assert f".. automodule:: hbbogie.{wing}\n   :members:\n" in page
+    assert {path.stem for path in (DOCS / "api").glob("*.md")} == wings
+    for module in {path.stem for path in package.glob("*.py")} - {"__init__", "__main__"}:
+        assert f".. automodule:: hbbogie.{module}\n" in reference
+    for name in set(hbbogie.__all__) - wings:
+        assert f"`{name}`" in reference, name

@@ -226,7 +226,7 @@ def steps_for(system: System, starts: Sequence[tuple[Place, Array]]) -> int:
     for place, farthest in starts:
         around = place.samples[:, :: PHASES // 32].reshape(-1, system.n_states)
         x = np.vstack([place.equilibrium, place.equilibrium + farthest, *around])
-        A = np.array([system.ode_jacobian(state, place.p).full() for state in x])
+        A = np.array([system.state_matrix(state, place.p) for state in x])
         wanted = max(wanted, place.period * float(np.abs(np.linalg.eigvals(A)).max()) / STEP_TIMES_EIGENVALUE)
     return next((s for s in STEPS if s >= wanted), STEPS[-1])
 

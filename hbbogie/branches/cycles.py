@@ -76,7 +76,12 @@ def find_cycles(
 
     Examples
     --------
-    ``find_cycles(system, V=90.0)``
+    The period of van der Pol's oscillator at mu = 1 is 6.663287.
+
+    >>> from hbbogie import load_problem
+    >>> (cycle,) = find_cycles(load_problem("van_der_pol").van_der_pol(), mu=1.0)
+    >>> round(cycle.period, 3), cycle.stability.verdict
+    (6.663, 'stable')
     """
     system = system.with_parameters(**values)
     name = parameter or next(iter(values), None) or next(iter(system.parameter_names), None)

@@ -96,7 +96,7 @@ def _near(equations: Equations, guess: Orbit) -> Orbit:
 
 def _settled(system: System, starts: list[dict[str, float]], coordinate: str) -> Iterator[Settled]:
     """Give how motions from several states settle, but for those that grow without limit: there is no cycle there."""
-    A = system.ode_jacobian(np.zeros(system.n_states), system.vector()).full()
+    A = system.state_matrix(np.zeros(system.n_states), system.vector())
     rates = np.abs(np.linalg.eigvals(A))
     rates = rates[rates > 1e-6 * rates.max(initial=0.0)]
     # 1 ms is right for motions of about 1 rad/s; slower ones are given as much more time

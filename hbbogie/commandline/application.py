@@ -29,7 +29,7 @@ app = typer.Typer(
 )
 
 Problem = Annotated[
-    str, typer.Argument(metavar="NAME", help="Name of a shipped problem, or path of a problem file (.py).")
+    str, typer.Argument(metavar="NAME", help="Name of a shipped problem, or path of a file (.py) or folder.")
 ]
 Overrides = Annotated[
     list[str] | None,
@@ -38,10 +38,10 @@ Overrides = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document, and nothing else, on standard output.")]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the files.")]
 MaybeOutput = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for files; none are written without.")
+    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for files; by default none are written.")
 ]
 Harmonics = Annotated[
-    int | None, typer.Option(min=1, help="Highest harmonic; as many as the error estimate asks for without.")
+    int | None, typer.Option(min=1, help="Highest harmonic; by default as high as the error estimate asks for.")
 ]
 Interval = Annotated[
     tuple[float, float] | None,

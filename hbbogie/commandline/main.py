@@ -141,13 +141,13 @@ def simulate(
     method: Annotated[str, typer.Option(help="Integration method: rk4 or cvodes.")] = "rk4",
     step: Annotated[
         float | None,
-        typer.Option(help="Distance of the samples in s; of rk4 also the step. Without, at most 1 ms."),
+        typer.Option(help="Time between samples in s, and the step of rk4; by default at most 1 ms."),
     ] = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Integrate the motion from a start in time, and say what it settles on."""
+    """Integrate the motion from a start, and say what it settles on."""
     from hbbogie.commandline.terminal import deliver, numbers, progress_shown
     from hbbogie.reports.motion import default_start, simulated
     from hbbogie.reports.report import check_directory
@@ -206,7 +206,7 @@ def problems(as_json: AsJson = False) -> None:
 
 
 def main() -> None:
-    """Run the command line; wrong usage, too, is printed as a sentence and with --json as a JSON object."""
+    """Run the command line; errors of usage are also printed as a sentence, or with --json as a JSON object."""
     from hbbogie.commandline.terminal import INTERRUPTED, WRONG_INPUT, print_error
 
     try:

@@ -29,7 +29,7 @@ from hbbogie.commandline.application import (
 def compare(
     name: Problem,
     methods: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Methods, separated by commas: df1, df2, mhb and a harmonic.")
+        str | None, typer.Option(metavar="LIST", help="Methods, separated by commas, such as df1,df2,mhb15.")
     ] = None,
     values: Annotated[
         str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
@@ -60,7 +60,7 @@ def identify(
     theory: Annotated[
         str | None, typer.Option(metavar="NAME", help="A theory with fewer parameters that the problem knows.")
     ] = None,
-    robust: Annotated[bool, typer.Option("--robust", help="Take weight from rows far from the others.")] = False,
+    robust: Annotated[bool, typer.Option("--robust", help="Give less weight to rows far from the others.")] = False,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -129,7 +129,7 @@ def chart(
 
 
 DesignFile = Annotated[
-    str, typer.Argument(metavar="NAME", help="Name of a shipped problem with a design, or path of a file (.py).")
+    str, typer.Argument(metavar="NAME", help="Shipped problem with a design, or path of a file (.py) or folder.")
 ]
 
 
@@ -142,7 +142,7 @@ def design(
     name: DesignFile,
     starts: Annotated[int, typer.Option(min=1, help="Searches; all but the first begin at random designs.")] = 1,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
-    samples: Annotated[int, typer.Option(min=0, help="Random designs that check the moments, before and after.")] = 40,
+    samples: Annotated[int, typer.Option(min=0, help="Random designs that check the moments before and after.")] = 40,
     robust: Annotated[
         float | None,
         typer.Option(metavar="K", help="Raise the mean minus K standard deviations of the critical value."),

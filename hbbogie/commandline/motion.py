@@ -35,14 +35,14 @@ def basin(
     along: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME=VALUE,...", help="Direction of the initial states; the unstable cycle's shape without."
+            metavar="NAME=VALUE,...", help="Direction of the initial states; by default that of the unstable cycle."
         ),
     ] = None,
     largest: Annotated[
         float | None, typer.Option(help="Largest factor of the unstable cycle's shape, or of the direction.")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Longest motion in s; 130 periods without.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; as many as the machine has cores without.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Longest motion in s; by default 130 periods.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -86,17 +86,17 @@ def ramp(
     parameter: ParameterName = None,
     interval: Interval = None,
     rates: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Rates per second, separated by commas, each down and up.")
+        str | None, typer.Option(metavar="LIST", help="Rates per second, separated by commas; each is run down and up.")
     ] = None,
     start: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="Disturbance at which the rise begins; may be repeated."),
     ] = None,
     rise_from: Annotated[
-        float | None, typer.Option(help="Parameter value where the rise begins; the Hopf point without.")
+        float | None, typer.Option(help="Parameter value where the rise begins; by default the Hopf point.")
     ] = None,
     level: Annotated[
-        float | None, typer.Option(help="Peak below which oscillation has died out; by default contact.")
+        float | None, typer.Option(help="Peak below which oscillation has died out; by default the gap of a contact.")
     ] = None,
     output: Output = Path("out"),
     overrides: Overrides = None,

@@ -18,19 +18,17 @@ if TYPE_CHECKING:
 
 QUIET = 30.0  # s between two lines of progress where there is no terminal
 
-study = typer.Typer(
-    help="Studies: one job at many parameter points, resumable; run, look at, export, report.", no_args_is_help=True
-)
+study = typer.Typer(help="Studies: one job at many parameter points, which can be resumed.", no_args_is_help=True)
 app.add_typer(study, name="study")
 
 File = Annotated[
     str, typer.Argument(metavar="FILE", help="Study file (.toml), name of a shipped study, or a store (.db).")
 ]
 StorePath = Annotated[
-    Path | None, typer.Option("--store", metavar="PATH", help="The study's store; STEM.db in this directory without.")
+    Path | None, typer.Option("--store", metavar="PATH", help="Store of the study; by default STEM.db here.")
 ]
 Count = Annotated[
-    int | None, typer.Option("--points", min=1, metavar="N", help="About so many points instead of the file's number.")
+    int | None, typer.Option("--points", min=1, metavar="N", help="About N points instead of the number in the file.")
 ]
 
 
@@ -46,7 +44,7 @@ def run(
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the store; do only what is missing.")] = False,
     store: StorePath = None,
     workers: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="Worker processes; all cores without, 0 for none.")
+        int | None, typer.Option(min=0, metavar="N", help="Worker processes; by default one for each core. 0 for none.")
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler to run on, such as tcp://host:8786.")
@@ -54,13 +52,11 @@ def run(
     points: Count = None,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed points anew.")] = False,
     accept_changes: Annotated[
-        bool, typer.Option("--accept-changes", help="Go on though problem, job or points have changed.")
+        bool, typer.Option("--accept-changes", help="Go on although problem, job or points have changed.")
     ] = False,
-    limit: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Longest time for one point, which then has failed.")
-    ] = None,
+    limit: Annotated[float | None, typer.Option(metavar="SECONDS", help="Time after which a point has failed.")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for the report; none without.")
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Directory for a report; by default none.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -29,7 +29,6 @@ from hbbogie.units import label
 
 Array = NDArray[np.float64]
 SEARCHED = 4  # values of the second parameter, evenly over the interval, at which curves are looked for
-SAMPLES = 101  # of the first parameter in search of Hopf points
 POINTS = 60  # of a branch in search of folds: enough for cycles many gaps large
 MORE_POINTS = 200  # where folds are looked for on all branches
 NEAR = 0.03  # of the chart's width and height: how far a curve of folds may stop from its end on a Hopf curve
@@ -157,7 +156,7 @@ class _Search:
         self.starts[value] = []
         points: list[SpecialPoint] = []
         with self._noted(f"Hopf points at {over} = {value:g}"):
-            points = hopf_points(system, name, self.span, points=SAMPLES)
+            points = hopf_points(system, name, self.span)
         for hopf in points:
             with self._noted(f"The curve through the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
                 curve = HopfCurve(system, self.names, self.span, self.interval, hopf)

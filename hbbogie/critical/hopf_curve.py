@@ -180,7 +180,7 @@ def _state(curve: HopfCurve, point: Point, function: ca.Function) -> HopfState:
     except np.linalg.LinAlgError:  # a double eigenvalue: it has no derivative
         growth = np.full(slopes.shape[1], np.nan)
     x = np.concatenate([u[:n], np.zeros(system.n_states - n)])
-    others = np.linalg.eigvals(system.ode_jacobian(x, p).full())
+    others = np.linalg.eigvals(system.state_matrix(x, p))
     others = np.delete(others, [int(np.argmin(np.abs(others - w))) for w in (1j * omega, -1j * omega)])
     side = 0 if others.real.max(initial=-np.inf) > NEUTRAL * omega else (-1 if growth[0] > 0 else 1)
     if np.isnan(growth[0]):

@@ -228,8 +228,8 @@ def _walk(equations: Equations, table: Measured) -> list[Orbit]:
     places = [k for k in places if np.isfinite(table.measured[:, k]).all()]
     if len(table.own) != 1 or not places:
         raise ModelError(
-            "identify: give guesses=..., one orbit for each row; they are found without only where one amplitude is "
-            "measured in every row and exactly one parameter has its own value in each."
+            "identify: give guesses=..., one orbit for each row; without guesses, one amplitude has to be "
+            "measured in every row, and exactly one parameter has to have its own value in each."
         )
     parameter, coordinate = system.parameters[table.own[0]], table.names[places[0]]
     known = table.measured[:, table.names.index(parameter.name)]

@@ -35,7 +35,9 @@ class Parametrisation:
 
     Examples
     --------
-    ``Parametrisation({"s": 1.0}, lambda s: {"K1": 3e6 * s, "K2": 10e6 * s})``
+    >>> both = Parametrisation({"share": 1.0}, lambda share: {"K1": 3e6 * share, "K2": 10e6 * share})
+    >>> both.parameters(share=0.5)
+    {'K1': 1500000.0, 'K2': 5000000.0}
     """
 
     start: Mapping[str, float]

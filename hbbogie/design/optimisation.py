@@ -193,7 +193,13 @@ def optimise(
 
     Examples
     --------
-    ``optimise(bogie, raise_="V", over={"K1": (2e6, 5e6), "K2": (5e6, 15e6)})``
+    The fold of this system lies at mu = -a^2/4.
+
+    >>> from hbbogie import load_problem
+    >>> system = load_problem("bautin").bautin(a=1.0)
+    >>> design = optimise(system, raise_="mu", over={"a": (0.5, 1.5)}, interval=(-1.0, 1.0))
+    >>> round(design.value_before, 6), round(design.value, 6), round(design.parameters["a"], 6)
+    (-0.25, -0.0625, 0.5)
     """
     from scipy.stats import qmc
 

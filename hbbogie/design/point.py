@@ -26,7 +26,6 @@ from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
-SAMPLES = 41  # of the range, between which Hopf points are bracketed from one design to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +122,7 @@ def design_point(
             "critical value lies below it.",
             statistics={"below": interval[0]},
         )
-    hopf = [] if near is None else hopf_points(system, parameter, interval, points=SAMPLES)
+    hopf = [] if near is None else hopf_points(system, parameter, interval)
     if near is None or len(hopf) != sum(c.kind == "hopf" for c in near.critical):
         found = critical_speeds(system, parameter, interval, harmonics=harmonics)
     else:

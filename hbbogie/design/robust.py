@@ -32,7 +32,10 @@ class Uncertainty:
 
     Examples
     --------
-    ``Uncertainty({"f11": scipy.stats.lognorm(0.1), "lam": scipy.stats.uniform(0.8, 0.4)})``
+    >>> from scipy import stats
+    >>> scatter = Uncertainty({"f11": stats.norm(1, 0.1), "lam": stats.uniform(0.8, 0.4)})
+    >>> scatter.sample(1000, np.random.default_rng(1)).shape
+    (1000, 2)
     """
 
     factors: Mapping[str, Any]

@@ -47,7 +47,7 @@ class Eigenvalues:
         self.moving = bool(np.any(r_p))
         if self.moving:
             A_p = A_p - A_x @ np.linalg.solve(K, r_p)
-        values, V = np.linalg.eig(system.ode_jacobian(self.x, p).full())
+        values, V = np.linalg.eig(system.state_matrix(self.x, p))
         try:
             W = np.linalg.inv(V)
         except np.linalg.LinAlgError:

@@ -1,121 +1,109 @@
-"""First cycles without a guess: equilibria, Hopf points, and the small cycles that begin there."""
+"""Hopf points of all equilibria over an interval of a parameter."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
 
-from hbbogie.equilibria.linearisation import Linearisation
+from hbbogie.equilibria.census import Start, census
+from hbbogie.equilibria.crossings import Crossing, Crossings, crossings
+from hbbogie.equilibria.curve import RestBranch
+from hbbogie.equilibria.rest import Rest
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
-from hbbogie.results import Orbit, SpecialPoint
+from hbbogie.results import HopfPoints, Orbit, SpecialPoint
 
 Array = NDArray[np.float64]
+ZERO = 1e-12  # share of the interval up to which a value is zero
 
 
 def hopf_points(
-    system: System, parameter: str, interval: tuple[float, float], *, points: int = 201
-) -> list[SpecialPoint]:
-    """Find all Hopf points of the equilibrium over an interval of a parameter.
+    system: System, parameter: str, interval: tuple[float, float], *, start: Start | None = None
+) -> HopfPoints:
+    """Find the Hopf points of all equilibria over an interval of a parameter.
 
-    The k-th largest real part among the oscillating modes is a continuous function of the parameter;
-    its changes of sign are refined by bracketing, and its local extrema close to zero are looked into
-    as well, so that a pair that crosses and comes back between two samples is not lost.
+    Along each branch of equilibria (see `find_equilibria`) eigenvalues are matched from point to point, and steps are
+    refined where one crosses the imaginary axis or comes near it. Each point is the solution of F = 0,
+    P(i omega) z = 0, c.z = 1 in equilibrium, mode, frequency and parameter, and lies inside the step that led to it.
 
     Parameters
     ----------
     system : System
     parameter : str
     interval : (float, float), unit of the parameter
-    points : int
-        Samples over the interval.
+    start : Orbit, Trajectory, mapping from name to value or sequence of float, optional
+        A state: only the branch of equilibria near it is looked at.
 
     Returns
     -------
-    list of SpecialPoint, kind "hopf", in increasing order of the parameter
-        Each orbit is the linear cycle along the critical mode whose largest coordinate is 1 in its unit.
+    HopfPoints : list of SpecialPoint, kind "hopf", in increasing order of the parameter
+        Each orbit is the linear cycle along the critical mode whose largest coordinate is 1 in its unit. The status
+        says how many pairs of eigenvalues cross where they are several. The list carries ``evidence``: what was
+        searched, which eigenvalues stay on the axis, what is not located.
 
     Raises
     ------
     ModelError
-        For an unknown parameter or an empty interval.
+        For an unknown parameter, an empty interval or a start that is no state.
+
+    References
+    ----------
+    Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, section 10.2 (eq-hopf).
     """
-    lo, hi = check_interval(system, parameter, interval)
-    line = Linearisation(system, parameter)
-    grid = np.linspace(lo, hi, points)
-    growth = line.growth(grid)
-    found: list[SpecialPoint] = []
-    for k in range(max((len(g) for g in growth), default=0)):
-
-        def alpha(value: float, k: int = k) -> float:
-            (real,) = line.growth([value])
-            return float(real[k]) if k < len(real) else float("nan")
-
-        samples = np.array([g[k] if k < len(g) else np.nan for g in growth])
-        for a, b in _brackets(grid, samples, alpha):
-            found.append(_hopf(line, parameter, alpha, a, b, k))
-    found.sort(key=lambda s: s.value)
-    return [s for i, s in enumerate(found) if i == 0 or not _same(s, found[i - 1])]
+    span = check_interval(system, parameter, interval)
+    parts, notes = census(system, parameter, span, start)
+    points: list[SpecialPoint] = []
+    evidence = list(notes)
+    for part in parts:
+        for branch in part.branches:
+            found = crossings(part.rest, part.box, branch)
+            points += hopf_specials(part.rest, span, found)
+            evidence += branch_evidence(part.rest, branch, found)
+    return HopfPoints(sorted(points, key=lambda s: s.value), tuple(evidence))
 
 
-def _brackets(grid: Array, samples: Array, alpha: Callable[[float], float]) -> list[tuple[float, float]]:
-    """Return intervals over which the function changes sign; extrema close to zero are refined first."""
-    brackets: list[tuple[float, float]] = []
-    spread = np.nanmax(np.abs(np.diff(samples)), initial=0.0)
-    for i in range(len(grid) - 1):
-        a, b = samples[i], samples[i + 1]
-        if a * b < 0 or (a == 0 and i == 0) or b == 0:
-            brackets.append((float(grid[i]), float(grid[i + 1])))
-            continue
-        if not (0 < i < len(grid) - 2) or min(abs(a), abs(b)) > 2 * spread:
-            continue
-        turning = (samples[i - 1] - a) * a > 0 and (samples[i + 2] - b) * b > 0
-        if turning:  # both neighbours lie farther from zero: there may be a dip through zero inside
-            sign = np.sign(a)
-            dip = minimize_scalar(lambda v, s=sign: s * alpha(v), bounds=(grid[i], grid[i + 1]), method="bounded")
-            if dip.fun < 0:
-                brackets += [(float(grid[i]), float(dip.x)), (float(dip.x), float(grid[i + 1]))]
-    return brackets
+def hopf_specials(rest: Rest, span: tuple[float, float], found: Crossings) -> list[SpecialPoint]:
+    """Return the Hopf points of a branch."""
+    return [_special(rest, span, crossing, found.found) for crossing in found.found]
 
 
-def _hopf(
-    line: Linearisation, parameter: str, alpha: Callable[[float], float], a: float, b: float, k: int
-) -> SpecialPoint:
-    ends = alpha(a), alpha(b)
-    value = (
-        a
-        if ends[0] == 0
-        else b
-        if ends[1] == 0
-        else float(brentq(alpha, a, b, xtol=1e-13 * max(abs(a), abs(b)), rtol=1e-14))
-    )
-    if abs(value) < 1e-12 * (b - a):
+def _special(rest: Rest, span: tuple[float, float], c: Crossing, others: tuple[Crossing, ...]) -> SpecialPoint:
+    system, value = rest.system, float(c.u[-1])
+    if abs(value) < ZERO * (span[1] - span[0]):
         value = 0.0
-    real, eigenvalues, vectors = line.pairs(value)
-    omega, mode = float(eigenvalues[k].imag), vectors[: line.system.n, k]
-    mode = mode / mode[np.argmax(np.abs(mode))]
-    coefficients = np.array([line.equilibrium(value), mode.real, -mode.imag])
-    system = line.system
-    orbit = Orbit(
-        system.name,
-        system.coordinate_names,
-        tuple(c.unit for c in system.coordinates),
-        coefficients,
-        omega,
-        dict(zip(system.parameter_names, map(float, line.parameters(value)), strict=True)),
-        "linearisation",
-        0.0,
-        "the linear cycle along the critical mode",
+    mode = c.z / c.z[np.argmax(np.abs(c.z))]
+    coefficients = np.array([c.u[: system.n], mode.real, -mode.imag])
+    orbit = orbit_at(rest, value, coefficients, c.omega, "the linear cycle along the critical mode")
+    pairs = {1: "a pair", 2: "a double pair (2 pairs)"}.get(c.pairs, f"{c.pairs} pairs")
+    verb = ("gains" if c.gains else "loses") if c.pairs < 3 else ("gain" if c.gains else "lose")
+    status = f"{pairs} of eigenvalues {verb} a positive real part; real part {c.real:.1e} 1/s where located"
+    beside = [o.omega for o in others if o is not c and np.allclose(o.u, c.u, rtol=1e-9, atol=1e-12)]
+    for omega in beside:
+        status += f"; another pair crosses at the same value, omega = {omega:.6g} rad/s"
+    width = 1e-13 * max(abs(value), span[1] - span[0])
+    return SpecialPoint("hopf", rest.parameter, value, (value - width, value + width), orbit, status)
+
+
+def orbit_at(rest: Rest, value: float, coefficients: Array, omega: float, status: str) -> Orbit:
+    """Return an orbit at a value of the parameter."""
+    system = rest.system
+    units = tuple(c.unit for c in system.coordinates)
+    values = dict(zip(system.parameter_names, map(float, rest.vector(value)), strict=True))
+    return Orbit(system.name, system.coordinate_names, units, coefficients, omega, values, "linearisation", 0.0, status)
+
+
+def branch_evidence(rest: Rest, branch: RestBranch, found: Crossings) -> list[str]:
+    """Return sentences on a branch: where it runs, why it ends, what its eigenvalues do."""
+    size = float(branch.scale[-1])
+    values = [float(branch.u[i, -1]) for i in (0, -1)]
+    unstable = [int(found.unstable[i]) for i in (0, -1)]
+    if values[1] < values[0]:
+        values, unstable = values[::-1], unstable[::-1]
+    ends = branch.ends if branch.u[0, -1] <= branch.u[-1, -1] else branch.ends[::-1]
+    named = [(t.kind, float(t.u[-1])) for t in branch.turns] + [("Hopf point", float(c.u[-1])) for c in found.found]
+    turns = [f"{kind} at {rest.parameter} = {0.0 if abs(v) < ZERO * size else v:.6g}" for kind, v in named]
+    head = (
+        f"equilibria from {rest.parameter} = {values[0]:.6g} ({unstable[0]} unstable eigenvalues; {ends[0]}) "
+        f"to {values[1]:.6g} ({unstable[1]}; {ends[1]})"
     )
-    direction = "gains" if ends[1] > ends[0] else "loses"
-    status = f"a pair of eigenvalues {direction} a positive real part; real part {real[k]:.1e} 1/s where located"
-    width = 1e-13 * max(abs(value), abs(b - a))
-    return SpecialPoint("hopf", parameter, value, (value - width, value + width), orbit, status)
-
-
-def _same(a: SpecialPoint, b: SpecialPoint) -> bool:
-    close = abs(a.value - b.value) <= 1e-9 * max(abs(a.value), abs(b.value), 1e-9)
-    return close and abs(a.omega - b.omega) <= 1e-6 * a.omega
+    return [": ".join([head, ", ".join(turns)]) if turns else head, *found.notes]

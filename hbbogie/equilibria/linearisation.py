@@ -1,20 +1,22 @@
-"""Equilibria and their eigenvalues over one parameter."""
+"""Equilibrium and eigenvalues at one value of a parameter after the other, followed from rest."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from hbbogie.equilibria import spectrum
+from hbbogie.equilibria.rest import Level, Rest
+from hbbogie.equilibria.spectrum import state_matrices
+from hbbogie.model.singular import singular_terms
 from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-
 ELSEWHERE = (0.1, 1.0, 1.0, 10.0, 10.0)  # scatter of further starts in search of an equilibrium
 
 
@@ -67,40 +69,28 @@ class Linearisation:
             f"{self.system.parameter_names[self.place]} = {value:g}; narrow the range of the parameter."
         )
 
-    def _equilibrium_or_nan(self, value: float) -> Array:
-        """Return the equilibrium, NaN where there is none: one value must not end the search over all."""
-        try:
-            return self.equilibrium(value)
-        except ConvergenceError:
-            return np.full(self.system.n, np.nan)
-
-    def growth(self, values: Sequence[float] | Array) -> list[Array]:
-        """Return the real parts of the oscillating modes [1/s], largest first, at each value of the parameter."""
-        system, N = self.system, len(values)
-        x, p = np.zeros((system.n_states, N)), np.repeat(self.p[:, None], N, axis=1)
-        p[self.place] = values
-        residual, jacobian = system.once(
-            ("along", N), lambda: (system.residual.map(N), system.ode_jacobian.map(N))
-        )  # one call for all values
-        rest = np.zeros((system.n, N))
-        if np.any(residual(rest, rest, rest, p).full()):
-            x[: system.n] = np.transpose([self._equilibrium_or_nan(v) for v in values])
-        A = jacobian(x, p).full().reshape(len(x), N, len(x)).swapaxes(0, 1)
-        good, found = np.isfinite(A).all(axis=(1, 2)), []
-        for k, eigenvalues in enumerate(np.linalg.eigvals(np.where(good[:, None, None], A, 0.0))):
-            if not good[k]:
-                found.append(np.empty(0))
-                continue
-            oscillating = eigenvalues.imag > 1e-9 * np.abs(eigenvalues).max(initial=1e-300)
-            found.append(-np.sort(-eigenvalues[oscillating].real))
-        return found
-
     def eigen(self, value: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return eigenvalues [1/s], largest real part first, and eigenvectors (columns)."""
-        x = np.concatenate([self.equilibrium(value), np.zeros(self.system.n_states - self.system.n)])
-        eigenvalues, vectors = np.linalg.eig(self.system.ode_jacobian(x, self.parameters(value)).full())
+        """Return eigenvalues [1/s], largest real part first, and eigenvectors (columns).
+
+        Raises
+        ------
+        ConvergenceError
+            Where the equations have no derivative at the equilibrium; the message says why.
+        """
+        system = self.system
+        rest = Rest(system, system.parameter_names[self.place], Level.none(system.n))
+        q = self.equilibrium(value)
+        with np.errstate(all="ignore"):
+            A = state_matrices(rest, rest.pencil(np.append(q, value)[None]))[0]
+        if not np.isfinite(A).all():
+            guilty = ", ".join(singular_terms(system).vanishing(q, self.parameters(value)))
+            raise ConvergenceError(
+                f"system {system.name!r}: the equations have no derivative at the equilibrium at {rest.parameter} = "
+                f"{value:g}{': ' + guilty + ', zero or negative there' if guilty else ''}; look about another one."
+            )
+        eigenvalues, vectors = spectrum.eigenpairs(A)
         order = np.argsort(-eigenvalues.real, kind="stable")
-        return eigenvalues[order].astype(complex), vectors[:, order].astype(complex)
+        return eigenvalues[order], vectors[:, order]
 
     def pairs(self, value: float) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
         """Return real parts (largest first), eigenvalues and vectors of the oscillating modes."""

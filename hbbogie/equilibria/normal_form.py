@@ -63,7 +63,7 @@ def lyapunov_at(system: System, x: Array, p: Array, omega: float) -> float:
     p : ndarray, shape (number of parameters,)
     omega : float, rad/s
     """
-    A = system.ode_jacobian(x, p).full()
+    A = system.state_matrix(x, p)
     q = _eigenvector(A, 1j * omega)
     if _has_kink(system, x, p, q):
         return float("nan")
@@ -119,12 +119,12 @@ def _has_kink(system: System, x: Array, p: Array, q: Complex) -> bool:
 
     def difference(direction: Array, distance: float) -> tuple[float, float]:
         y = [x + sign * distance * direction for sign in (1, -1)]
-        A = [system.ode_jacobian(s, p).full() @ plane for s in y]
+        A = [system.state_matrix(s, p) @ plane for s in y]
         B = [np.column_stack([_pair(f(s, p, d, d, d))[0] for d in plane.T]) for s in y]
         return float(np.abs(A[0] - A[1]).max()), float(np.abs(B[0] - B[1]).max())
 
     plane = np.column_stack([q.real, q.imag, q.real + q.imag])
-    noise = 1e-9 * float(np.abs(system.ode_jacobian(x, p).full()).max())
+    noise = 1e-9 * float(np.abs(system.state_matrix(x, p)).max())
     for direction in plane.T:
         far, near = (difference(direction, step) for step in STEPS)
         if any(b > noise and b > 0.5 * a for a, b in zip(far, near, strict=True)):

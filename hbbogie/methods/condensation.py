@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 
 from hbbogie.model.parts import Parts
 from hbbogie.model.system import System
+from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 
 
 def frequency_scale(system: System, p: Array) -> float:
     """Return a typical frequency: that of the least damped oscillation at rest, else 1 rad/s."""
-    eigenvalues = np.linalg.eigvals(system.ode_jacobian(np.zeros(system.n_states), p).full())
+    try:
+        eigenvalues = np.linalg.eigvals(system.state_matrix(np.zeros(system.n_states), p))
+    except ConvergenceError:  # the equations are not smooth at rest
+        return 1.0
     pairs = eigenvalues[eigenvalues.imag > 1e-6 * np.abs(eigenvalues).max(initial=0.0)]
     return float(pairs[np.argmax(pairs.real)].imag) if pairs.size else 1.0
 

@@ -43,7 +43,13 @@ class DescribingFunction:
 
     Examples
     --------
-    ``solve(DescribingFunction().equations(system), guess, V=100.0)``
+    By the first order the cycle of van der Pol's oscillator has amplitude 2 and frequency 1.
+
+    >>> from hbbogie import find_cycles, load_problem, solve
+    >>> system = load_problem("van_der_pol").van_der_pol(mu=0.1)
+    >>> cycle = solve(DescribingFunction().equations(system), find_cycles(system)[0])
+    >>> round(cycle.amplitude("x"), 6), round(cycle.omega, 6)
+    (2.0, 1.0)
     """
 
     order: int = 1

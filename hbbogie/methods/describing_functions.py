@@ -79,7 +79,11 @@ def describing_function(
 
     Examples
     --------
-    ``describing_function(DeadBand(20e6, 0.0091), 0.0104)``
+    Of a cubic spring it is 3/4 of the coefficient times the amplitude squared.
+
+    >>> from hbbogie.model import Cubic
+    >>> float(describing_function(Cubic(4.0), 0.5))
+    0.75
     """
     if order not in (1, 2):
         raise ModelError(f"describing_function: order={order!r}; allowed is 1 or 2.")

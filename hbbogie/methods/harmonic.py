@@ -42,7 +42,12 @@ class HarmonicBalance:
 
     Examples
     --------
-    ``HarmonicBalance(15).equations(system)``
+    Van der Pol's oscillator is odd, so that only odd harmonics are kept. The sine of the first one is zero, which
+    fixes the phase.
+
+    >>> from hbbogie import load_problem
+    >>> HarmonicBalance(3).equations(load_problem("van_der_pol").van_der_pol()).unknowns
+    ('x, cosine of harmonic 1', 'x, cosine of harmonic 3', 'x, sine of harmonic 3', 'omega')
     """
 
     harmonics: int

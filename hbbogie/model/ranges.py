@@ -5,14 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from hbbogie.errors import ModelError
+from hbbogie.model.singular import without_poles
 from hbbogie.model.system import System
 
 
 def default_reach(system: System, parameter: str) -> tuple[float, float]:
-    """Return twice the value of a parameter (at least 1) to either side, within its bounds."""
+    """Return twice the value of a parameter (at least 1) to either side, within its bounds and up to the next pole.
+
+    Raises
+    ------
+    ModelError
+        Where the value itself is a pole of the equations.
+    """
     (low, high), value = system.parameter(parameter).bounds, system.values[parameter]
     reach = max(2 * abs(value), 1.0)
-    return max(value - reach, low), min(value + reach, high)
+    return without_poles(system, parameter, (max(value - reach, low), min(value + reach, high)))
 
 
 def check_interval(system: System, parameter: str, interval: tuple[float, float]) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from hbbogie.model.checks import check_equations, check_names, orders
 from hbbogie.model.dynamics import check_leading_matrix, first_order_form, full_residual, linear_matrices, state_matrix
 from hbbogie.model.elements import Element, attach
 from hbbogie.model.laws import Law
-from hbbogie.model.parts import Parts, is_odd, split
+from hbbogie.model.parts import Parts, is_odd, split, state_matrix_at
 from hbbogie.model.ramps import Scalar
 from hbbogie.model.symbols import Coordinate, Parameter
 
@@ -225,6 +225,10 @@ class System:
     def ode_jacobian(self) -> ca.Function:
         """Function (x, p) -> A, shape (n_states, n_states): derivative of `ode` with respect to the state."""
         return self.once("A", lambda: state_matrix(self))
+
+    def state_matrix(self, x: Array, p: Array) -> Array:
+        """Return `ode_jacobian` at a state, or the one beside it; raise `ConvergenceError` where there is none."""
+        return state_matrix_at(self, x, p)
 
     @property
     def n_states(self) -> int:

@@ -166,7 +166,7 @@ class _Watch:
             return False
         x = np.zeros(self.system.n_states)
         x[: self.system.n] = piece.at(np.linspace(times[-2], times[-1], 256, endpoint=False))[0].mean(axis=0)
-        eigenvalues = np.linalg.eigvals(self.system.ode_jacobian(x, self.p).full())
+        eigenvalues = np.linalg.eigvals(self.system.state_matrix(x, self.p))
         mode = eigenvalues[np.argmax(eigenvalues.real)]
         rate, omega = np.diff(np.log(speed)) / np.diff(times), 2 * np.pi / np.diff(times)
         close = np.abs(rate - mode.real) < 0.01 * abs(mode.real)

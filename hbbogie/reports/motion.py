@@ -46,7 +46,7 @@ def simulated(
     initial : mapping from name to value, unit of the coordinate (with a prime: per second)
     duration : float, s
     method, step
-        As of `hbbogie.integration.simulate`.
+        As of `hbbogie.motion.simulate`.
     progress : callable
         Called with (message, fraction done or None).
     """

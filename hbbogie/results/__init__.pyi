@@ -5,6 +5,8 @@ from .chart import Chart as Chart
 from .chart import ChartPoint as ChartPoint
 from .chart import CriticalCurve as CriticalCurve
 from .critical import Critical as Critical
+from .equilibria import Equilibria as Equilibria
+from .equilibria import HopfPoints as HopfPoints
 from .failure import ConvergenceError as ConvergenceError
 from .hysteresis import Hysteresis as Hysteresis
 from .hysteresis import Passage as Passage

@@ -146,9 +146,9 @@ def minimise(
 
 
 def _check(free: Sequence[str], objective: Any, subject_to: Any, fixed: Mapping[str, float]) -> None:
-    """Raise `ModelError` where an argument of `minimise` is none."""
+    """Raise `ModelError` where an argument of `minimise` is not acceptable."""
     if not free:
-        raise ModelError("minimise: free names no parameter; a cycle at given parameters is what solve finds without.")
+        raise ModelError("minimise: free names no parameter; to find a cycle at given parameters, leave minimise out.")
     if twice := [name for name in free if list(free).count(name) > 1 or name in fixed]:
         raise ModelError(f"minimise: parameter {twice[0]!r} is named twice among free and fixed ones; leave one out.")
     example = "lambda cycle: cycle.parameter('V')"

@@ -99,7 +99,7 @@ def solve(
     equations : Equations
         From `HarmonicBalance(...).equations(system)` or another method.
     guess : Orbit
-        Where the search begins; its parameter values are not used, but for that of ``free``.
+        Where the search begins. Its parameter values are not used, except that of ``free``.
     free : str, or sequence of str, optional
         Name of the parameter to be found, which asks for ``amplitude``; or names of those over which to minimise.
     amplitude : mapping of one coordinate name to float, optional
@@ -130,8 +130,18 @@ def solve(
 
     Examples
     --------
-    ``solve(balance, guess, V=100.0)``; ``solve(balance, guess, amplitude={"q1": 0.0104}, free="V")``;
-    ``solve(balance, guess, free=["V"], minimise=lambda cycle: cycle.parameter("V"))``
+    The cycles of this system have the radius r with mu + r^2 - r^4 = 0, and a fold at mu = -1/4.
+
+    >>> from hbbogie import HarmonicBalance, find_cycles, load_problem
+    >>> system = load_problem("bautin").bautin(a=1.0)
+    >>> balance = HarmonicBalance(3).equations(system)
+    >>> guess = find_cycles(system, mu=-0.1)[-1]
+    >>> round(solve(balance, guess, mu=-0.16).amplitude("x") ** 2, 6)
+    0.8
+    >>> round(solve(balance, guess, amplitude={"x": 0.9}, free="mu").parameters["mu"], 6)
+    -0.1539
+    >>> round(solve(balance, guess, free=["mu"], minimise=lambda cycle: cycle.parameter("mu")).value, 6)
+    -0.25
     """
     equations = equations.phased(guess)
     if minimise is not None:

@@ -204,7 +204,7 @@ def _equilibrium(system: System, orbit: Orbit, p: Array, tolerance: float) -> St
     """Return the verdict on an equilibrium from the real parts of its eigenvalues."""
     x = np.zeros(system.n_states)
     x[: system.n] = orbit.coefficients[0]
-    A, rate = system.ode_jacobian(x, p).full(), system.ode(x, p).full().ravel()
+    A, rate = system.state_matrix(x, p), system.ode(x, p).full().ravel()
     eigenvalues, vectors = np.linalg.eig(A)
     order = np.argsort(-eigenvalues.real, kind="stable")
     eigenvalues, vectors = eigenvalues[order].astype(complex), vectors[:, order]

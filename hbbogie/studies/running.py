@@ -28,7 +28,7 @@ Flying = dict[cf.Future[Outcome], tuple[int, dict[str, float]]]  # points and th
 def drive(runner: Runner, keep: Store, report: Progress) -> None:
     """Do the missing points and store what comes back.
 
-    At Ctrl-C `KeyboardInterrupt` is raised when what is in flight has come down.
+    At Ctrl-C `KeyboardInterrupt` is raised when the points in flight are finished.
     """
     flying: Flying = {}
     with interruptions(raising=runner.here) as pressed:  # in this process Ctrl-C is to reach the job
@@ -119,7 +119,7 @@ def _outcome(future: cf.Future[Outcome], point: int, pressed: Callable[[], int])
 
 
 def _land(runner: Runner, flying: Flying, keep: Store, pressed: Callable[[], int]) -> None:
-    """Begin nothing more, and store what is in flight when it has come down; drop it at a second Ctrl-C."""
+    """Begin no further point, and store those in flight when they are finished; a second Ctrl-C drops them."""
     runner.cancel(flying)
     waiting, said = set(flying), False
     while True:

@@ -56,12 +56,12 @@ def sweep(
     ----------
     job : str or callable
         "critical", "cycles", "branch", "compare", "file.py:function", or a function ``(system, **options)`` -> dict of
-        numbers and text, among them if need be ``status``, a sentence, and ``failed``.
+        numbers and text. ``status``, a sentence, and ``failed`` may be among them.
     points : Points, mapping or sequence of mappings
         From `hbbogie.studies.grid`, `latin_hypercube`, `sobol`, ...; a mapping from name to values is a grid, a
         sequence of mappings a list.
     problem : str or System
-        Name of a shipped problem, path of a problem file, or a system.
+        Name of a shipped problem, path of a problem's file or folder, or a system.
     values : mapping, optional
         Parameter values common to all points, by name, in the unit of each.
     options : mapping, optional
@@ -73,12 +73,12 @@ def sweep(
     retry_failed : bool
         Whether to compute failed points anew when resuming.
     accept_changes : bool
-        Whether to go on though the problem, the job, its options or the points have changed. What was finished at
+        Whether to go on although the problem, the job, its options or the points have changed. What was finished at
         points with the same values is kept; the attribute ``changes`` of the result says what changed and when, and
         ``finished`` which rows are older.
     limit : float, optional, s
-        Longest time for one point, which then is a failed row; for points in the main thread of a process, as those of
-        the local pool are, and not on Windows.
+        Time after which a point is a failed row. It holds for points in the main thread of a process, as those of the
+        local pool are, and not on Windows.
     executor : concurrent.futures.Executor, optional
         Where to run; it is not shut down. A pool of local processes, each with one BLAS thread, where left out.
     workers : int, optional
@@ -103,7 +103,11 @@ def sweep(
 
     Examples
     --------
-    ``sweep("critical", {"lam": [0.04, 0.05], "K2": [8e6, 10e6]}, problem="yang1995", store="map.db")``
+    The fold of this system lies at mu = -a^2/4.
+
+    >>> data = sweep("critical", {"a": [0.5, 1.0]}, problem="bautin", workers=0)
+    >>> [round(float(fold), 6) for fold in data["fold"]]
+    [-0.0625, -0.25]
     """
     chosen = as_points(points)
     task = task_of(job, problem, values, options)

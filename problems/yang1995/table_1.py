@@ -9,17 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie import (
-    Branch,
-    ConvergenceError,
-    HarmonicBalance,
-    Orbit,
-    System,
-    floquet,
-    hopf_points,
-    solve,
-    trace,
-)
+from hbbogie import Branch, ConvergenceError, HarmonicBalance, Orbit, System, floquet, hopf_points, solve, trace
 from hbbogie.branches import ORDERS, crossings, estimate, judged
 from hbbogie.motion import settle
 from hbbogie.progress import Progress

@@ -1,0 +1,209 @@
+"""All equilibria of a system over an interval of a parameter, as branches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.equilibria.curve import RestBranch, RestCurve, follow
+from hbbogie.equilibria.rest import Level, Rest, conserved
+from hbbogie.equilibria.search import NEAR, NOTHING, WIDE, Box, at_random, from_rest, newton, relaxed
+from hbbogie.equilibria.turns import crossing, turns
+from hbbogie.errors import ModelError, unknown_name
+from hbbogie.model.singular import between_poles, singular_terms
+from hbbogie.model.system import System
+from hbbogie.results import Orbit, Trajectory
+
+Array = NDArray[np.float64]
+COUNTS = (4, 48)  # random starts: of many unknowns, and of few
+WORK = 2000  # unknowns times starts
+MANY, RELAXED = 100, 3  # unknowns from which few motions are looked at, so many
+MOST_BRANCHES = 40
+RANK = 1e-10  # smallest singular value, relative to the largest, of equations whose solutions form a curve
+
+Start = Orbit | Trajectory | Mapping[str, float] | Sequence[float] | Array
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The branches of equilibria over a part of an interval without poles."""
+
+    rest: Rest
+    box: Box
+    branches: tuple[RestBranch, ...]
+
+
+def state_of_start(system: System, parameter: str, start: Start | None) -> tuple[Array, float | None]:
+    """Return the coordinates where the search begins, shape (n,), and the value of the parameter that belongs to them.
+
+    Raises
+    ------
+    ModelError
+        For a start that is no state of the system.
+    """
+    n, names, value = system.n, system.coordinate_names, None
+    low, high = (np.array([c.bounds[i] for c in system.coordinates]) for i in (0, 1))
+    if start is None:
+        return np.clip(np.zeros(n), low, high), None
+    if isinstance(start, Orbit | Trajectory):
+        if tuple(start.coordinates) != names:
+            raise ModelError(f"start: its coordinates are {', '.join(start.coordinates)}, not {', '.join(names)}.")
+        value = start.parameters.get(parameter)
+        q = start.coefficients[0] if isinstance(start, Orbit) else start.q[-1]
+    elif isinstance(start, Mapping):
+        unknown = [name for name in start if name not in names]
+        if unknown:
+            raise ModelError(f"start: {unknown_name('coordinate', unknown[0], names)}")
+        q = np.array([start.get(name, 0.0) for name in names])
+    else:
+        q = start
+    try:
+        x = np.asarray(q, dtype=float).ravel()
+    except (TypeError, ValueError):
+        x = np.full(1, np.nan)
+    if len(x) not in (n, system.n_states) or not np.isfinite(x).all():
+        raise ModelError(
+            f"start: got {start!r}; give a state of {n} finite numbers ({', '.join(names)}), values by name, "
+            "an orbit or a trajectory."
+        )
+    return x[:n], value
+
+
+def census(
+    system: System, parameter: str, interval: tuple[float, float], start: Start | None = None
+) -> tuple[list[Part], tuple[str, ...]]:
+    """Return the branches of equilibria over an interval, and sentences on what was searched.
+
+    Parameters
+    ----------
+    system : System
+    parameter : str
+    interval : (float, float), unit of the parameter
+    start : see `find_equilibria`
+    """
+    spans, notes = between_poles(system, parameter, interval)
+    state, value = state_of_start(system, parameter, start)
+    parts, said = [], list(notes)
+    if value is None and start is not None:
+        value = system.values[parameter]
+    for span in spans:
+        if start is not None and value is not None and len(spans) > 1 and not span[0] <= value <= span[1]:
+            continue
+        at = tuple(span[0] + share * (span[1] - span[0]) for share in (0.31, 0.72))
+        level = conserved(system, parameter, (at[0], at[1]), state)
+        part, sentences = _part(Rest(system, parameter, level), span, state, value if start is not None else None)
+        parts.append(part)
+        said += [s for s in sentences if s not in said]
+    return parts, tuple(said)
+
+
+def _part(rest: Rest, span: tuple[float, float], state: Array, value: float | None) -> tuple[Part, list[str]]:
+    """Return the branches over a part of the interval; those through the start only where it has a value."""
+    box = Box.of(rest, span)
+    u, normals = from_rest(rest, box, state)
+    if value is not None:
+        u[0, -1] = np.clip(value, *span)
+    roots, found = newton(rest, u, normals, box)
+    found &= box.holds(roots)
+    lost = np.flatnonzero(~found)[: RELAXED if len(box.scale) > MANY else None]
+    if len(lost):  # let motions approach an equilibrium first
+        roots[lost], found[lost] = newton(rest, relaxed(rest, u[lost], box.scale), normals[lost], box)
+        found &= box.holds(roots)
+    notes = _not_smooth(rest, u)
+    family = _family(rest, box, roots[found], state)
+    if family is not None:
+        return _part(replace(rest, level=family), span, state, value)
+    if value is not None:
+        branches = _followed(rest, box.seen(rest, roots[found]), roots[found][:1], False, notes)
+        return Part(rest, box, tuple(branches)), [*rest.level.text, *notes]
+    count = int(np.clip(WORK // len(box.scale), *COUNTS))
+    known, tried, converged, outside = roots[found], len(u), int(found.sum()), 0
+    rounds = () if not rest.system.nonlinear_coordinates else (WIDE, NEAR, NEAR)
+    for seed, decades in enumerate(rounds):
+        if seed and converged == tried and (np.abs(known) <= NOTHING * box.scale)[:, : rest.system.n].all():
+            break  # every start has led to zero
+        u, normals, free = at_random(rest, box, count, decades, seed)
+        roots, found = newton(rest, u, normals, box, free)
+        inside = found & box.holds(roots)
+        tried, converged, outside = tried + count, converged + int(found.sum()), outside + int((found & ~inside).sum())
+        known = np.concatenate([known, roots[inside]])
+        box = box.seen(rest, known)
+    branches = _followed(rest, box, known, True, notes)
+    where = f"{rest.parameter} from {span[0]:.6g} to {span[1]:.6g}"
+    notes.insert(0, f"{where}: {tried} starts of Newton's method at rest and in random states, {converged} converged")
+    return Part(rest, box, tuple(branches)), [*rest.level.text, *notes]
+
+
+def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[str]) -> list[RestBranch]:
+    """Return the branches through equilibria, each once, and those that cross them."""
+    branches: list[RestBranch] = []
+    queue, lost = list(roots.copy()), 0
+    for name in np.array(rest.system.coordinate_names)[rest.angles]:
+        notes.append(f"{name} is an angle: equilibria are those of one turn")
+    curve = RestCurve(rest, box, box.scale)
+    while queue and len(branches) < MOST_BRANCHES:
+        u = queue.pop(0)
+        u[: rest.system.n][rest.angles] = (u[: rest.system.n][rest.angles] + np.pi) % (2 * np.pi) - np.pi
+        if any(b.passes(curve, u) for b in branches):
+            continue
+        branch = follow(rest, box.about(rest, u), u)
+        if branch is None:
+            lost += 1
+            continue
+        branch = replace(branch, turns=turns(rest, box, branch))
+        branches.append(branch)
+        for turn in branch.turns if switching else ():
+            queue += crossing(rest, box, branch, turn)
+    if queue and len(branches) == MOST_BRANCHES:
+        notes.append(f"the search ended with {MOST_BRANCHES} branches of equilibria: there may be more")
+    if lost:
+        notes.append(f"{lost} equilibria found could not be followed: the equations are singular there")
+    return branches
+
+
+def _family(rest: Rest, box: Box, roots: Array, state: Array) -> Level | None:
+    """Return a level that singles out one of a continuous family of equilibria, or None where there is none."""
+    n, level = rest.system.n, rest.level
+    if len(roots) < 2:
+        return None
+    _, J = rest.evaluate(roots[:2])
+    rows = rest.rows(J, box.scale)
+    matrices = J / rows[:, :, None] * np.where(box.scale > 0, box.scale, 1.0)
+    if not np.isfinite(matrices).all():
+        return None
+    sizes = np.linalg.svd(matrices, compute_uv=False)
+    if not (sizes[:, -1] <= RANK * sizes[:, 0]).all():
+        return None
+    left, s, right = np.linalg.svd(matrices[0][:, :-1])
+    count = int((s <= RANK * s[0]).sum())
+    directions = (left[:n, len(s) - count :] * rows[0][:n, None]) / np.abs(rows[0][:n]).max()
+    held = right[len(s) - count :, :n] / box.scale[:n]
+    held = held / np.abs(held).max(axis=1, keepdims=True)
+    text = f"equilibria form a continuous family of {count} dimension(s): the one nearest the start is followed"
+    return Level(
+        np.concatenate([level.directions, directions], axis=1),
+        np.concatenate([level.rows, held]),
+        np.concatenate([level.held, held @ roots[0][:n]]),
+        level.zeros + count,
+        (*level.text, text),
+    )
+
+
+def _not_smooth(rest: Rest, u: Array) -> list[str]:
+    """Return sentences on starts at which the equations or their derivatives are not finite."""
+    with np.errstate(all="ignore"):
+        G, J = rest.raw(u)
+    if np.isfinite(G).all() and np.isfinite(J).all():
+        return []
+    i = int(np.flatnonzero(~(np.isfinite(G).all(axis=1) & np.isfinite(J).all(axis=(1, 2))))[0])
+    system = rest.system
+    guilty = singular_terms(system).vanishing(u[i, : system.n], rest.vector(u[i, -1]))
+    what = "the derivatives of the equations are" if np.isfinite(G[i]).all() else "the equations are"
+    bad = ~np.isfinite(G[i]) if not np.isfinite(G[i]).all() else ~np.isfinite(J[i]).all(axis=1)
+    rows = ", ".join(str(k + 1) for k in np.flatnonzero(bad))
+    where = ", ".join(f"{n} = {x:.4g}" for n, x in zip(system.coordinate_names, u[i], strict=False))
+    why = f": {', '.join(guilty)}, which vanishes or is negative there" if guilty else ""
+    return [f"at {where} {what} not finite (equation {rows}){why}; equilibria were searched for around it"]

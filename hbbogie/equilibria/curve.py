@@ -1,0 +1,209 @@
+"""Branches of equilibria: followed by arclength in both directions, with folds and branch points located."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.equilibria.rest import Rest
+from hbbogie.equilibria.search import Box
+from hbbogie.model.singular import singular_terms
+from hbbogie.solving.arclength import CLOSED, Point, correct, landing, walk
+
+Array = NDArray[np.float64]
+STEP, LONGEST, MOST = 0.02, 0.1, 400  # in scaled arclength
+GROWING, LEGS = 4.0, 30  # a coordinate beyond so many of its scales gets a new one, so many times
+GROWN, HOME = "grown", "home"
+AROUND = "it has made a whole turn, and repeats itself"
+NEAR_HOME = 0.11  # distance from its first point at which a branch may close
+SAME = 1e-6  # scaled distance up to which two equilibria are one
+
+
+class RestCurve:
+    """The equilibria as a curve that `walk` follows, in one set of scales."""
+
+    def __init__(self, rest: Rest, box: Box, scale: Array, home: Array | None = None, first: Array | None = None):
+        self.rest, self.box, self.scale, self.tolerance, self.home, self.first = rest, box, scale, 1e-11, home, first
+        n = rest.system.n
+        self.weights = np.ones(rest.m + 1)
+        self.weights[n:-1] = 0.0
+        bounded = [i for i in range(n) if np.isfinite([box.low[i], box.high[i]]).any()]
+        room = 1e-9 * scale
+        self.window = {rest.m: (float(box.low[-1]), float(box.high[-1]))}
+        self.window |= {i: (float(box.low[i] - room[i]), float(box.high[i] + room[i])) for i in bounded}
+
+    def evaluate(self, u: Array) -> tuple[Array, Array]:
+        """Return the scaled residual and its derivative in the scaled unknowns."""
+        with np.errstate(all="ignore"):
+            G, J = (a[0] for a in self.rest.evaluate(u[None]))
+            rows = self.rest.rows(J, np.maximum(self.scale, np.abs(u)))
+            return G / rows, J / rows[:, None] * self.scale
+
+    def settle(self, u: Array) -> None:
+        """Take note of nothing."""
+
+    def leaves(self, u: Array) -> str:
+        """Return why this leg ends: coordinates have outgrown their scales, or the first point is near again."""
+        n, angles = self.rest.system.n, self.rest.angles
+        if self.first is not None and (np.abs(u[:n] - self.first[:n])[angles] > 2 * np.pi).any():
+            return AROUND
+        if (np.abs(u[:n]) > GROWING * self.scale[:n])[~angles].any():
+            return GROWN
+        home = self.home is not None and np.linalg.norm((u - self.home) / self.scale * self.weights) < NEAR_HOME
+        return HOME if home else ""
+
+    def at(self, index: int, value: float) -> str:
+        """Return the sentence for an end at a limit of an unknown."""
+        if index == self.rest.m:
+            return f"the end of the interval was reached, {self.rest.parameter} = {value:g}"
+        bound = self.box.low[index] if value < self.box.low[index] else self.box.high[index]
+        return f"{self.rest.system.coordinate_names[index]} reaches its bound {bound:.6g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A fold or branch point: unknowns, and the direction of the branch that crosses."""
+
+    kind: str
+    u: Array
+    after: int
+    across: Array | None = None
+    status: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class RestBranch:
+    """A branch of equilibria.
+
+    Attributes
+    ----------
+    u : ndarray, shape (points, m + 1)
+    t : ndarray, shape (points, m + 1)
+        Tangents, of length 1 in units of ``scale``.
+    scale : ndarray, shape (m + 1,)
+    ends : (str, str)
+    turns : tuple of Turn
+        Folds and branch points, in order.
+    """
+
+    u: Array
+    t: Array
+    scale: Array
+    ends: tuple[str, str]
+    turns: tuple[Turn, ...] = ()
+
+    def passes(self, curve: RestCurve, u: Array) -> bool:
+        """Tell whether the branch passes through an equilibrium."""
+        scaled = np.maximum(self.scale, curve.scale) * np.where(curve.weights, 1.0, np.inf)
+        a, along = self.u[:-1] / scaled, np.diff(self.u / scaled, axis=0)
+        size = np.maximum((along**2).sum(axis=1), 1e-300)
+        turns = np.round((u - self.u[:-1]) / (2 * np.pi)) * np.append(
+            curve.rest.angles, [False] * (curve.rest.level.k + 1)
+        )
+        near = (u - 2 * np.pi * turns) / scaled  # of an angle, the one near by
+        share = np.clip(((near - a) * along).sum(axis=1) / size, 0.0, 1.0)
+        off = np.linalg.norm(a + share[:, None] * along - near, axis=1)
+        for i in np.argsort(off)[:3]:
+            u = near[i] * np.where(curve.weights, scaled, 1.0)
+            if off[i] > 0.3 * np.sqrt(size[i]) + SAME:
+                continue
+            if off[i] <= 1e-3 * SAME:
+                return True
+            foot, normal = self.u[i] + share[i] * (self.u[i + 1] - self.u[i]), along[i] / np.sqrt(size[i])
+            foot = foot + scaled_step(curve, normal, ((u - foot) / curve.scale * curve.weights) @ normal)
+            found, _ = correct(curve, foot, normal)
+            if found is not None and np.linalg.norm((found.u - u) / curve.scale * curve.weights) <= SAME:
+                return True
+        return False
+
+
+def scaled_step(curve: RestCurve, direction: Array, length: float) -> Array:
+    """Return a step along a scaled direction, in the units of the unknowns."""
+    return np.asarray(length * curve.scale * direction)
+
+
+def follow(rest: Rest, box: Box, root: Array) -> RestBranch | None:
+    """Return the branch through an equilibrium, or None where none can be followed from it."""
+    curve = RestCurve(rest, box, box.scale)
+    start, along_p = None, np.eye(rest.m + 1)[-1]
+    for normal in (along_p, *_null(curve, root)):
+        start, _ = correct(curve, root, normal)
+        if start is not None and np.isfinite(start.tangent).all() and np.linalg.norm(start.tangent) > 0:
+            break
+    if start is None:
+        return None
+    forward, why_end, scale = _legs(rest, box, start)
+    if why_end in (CLOSED, AROUND):
+        sides, ends = forward, (why_end, why_end)
+    else:
+        backward, why_start, other = _legs(rest, box, replace(start, tangent=-start.tangent))
+        sides = [(u, -t) for u, t in backward[:0:-1]] + forward
+        scale, ends = np.maximum(scale, other), (why_start, why_end)
+    u, t = (np.array([side[i] for side in sides]) for i in (0, 1))
+    length = np.linalg.norm(t / scale * curve.weights, axis=1)
+    return RestBranch(u, t / length[:, None], scale, ends)
+
+
+def _null(curve: RestCurve, u: Array) -> list[Array]:
+    """Return the directions in which the equations hold to first order, the surest first."""
+    J = curve.evaluate(u)[1]
+    return [] if not np.isfinite(J).all() else list(np.linalg.svd(J)[2][::-1][:2])
+
+
+def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]], str, Array]:
+    """Follow a branch in one direction, with larger scales where the coordinates outgrow theirs."""
+    curve = RestCurve(rest, box, box.scale, None, start.u)
+    point, found = start, [(start.u, box.scale * start.tangent)]
+    for leg in range(LEGS):
+        points, why = walk(curve, point, step=STEP, longest=LONGEST, most=MOST)
+        found += [(p.u, curve.scale * p.tangent) for p in points[1:]]
+        if why == HOME:
+            closing = correct(curve, start.u, points[-1].tangent * curve.weights)[0]
+            if closing is not None and np.linalg.norm((closing.u - start.u) / curve.scale) < SAME:
+                return [*found, found[0]], CLOSED, curve.scale
+            why, curve = GROWN, RestCurve(rest, box, curve.scale, None, start.u)
+        if why != GROWN:
+            return _inside(curve, found, _reason(rest, curve, points[-1], why))
+        n = rest.system.n
+        scale = curve.scale.copy()
+        scale[:n] = np.maximum(scale[:n], 2 * np.abs(points[-1].u[:n]))
+        home = start.u if np.linalg.norm((points[-1].u - start.u) / scale) > 2 * NEAR_HOME else None
+        curve = RestCurve(rest, box, scale, home, start.u)
+        t = found[-1][1] / scale
+        point = Point(points[-1].u, t / np.linalg.norm(t * curve.weights), points[-1].error)
+        if leg and len(points) < 2:
+            return found, _reason(rest, curve, point, "no further point was found"), scale
+    largest = int(np.argmax(np.abs(found[-1][0][: rest.system.n]) / box.scale[: rest.system.n]))
+    return found, f"{rest.system.coordinate_names[largest]} goes beyond {found[-1][0][largest]:.2g}", curve.scale
+
+
+def _inside(
+    curve: RestCurve, found: list[tuple[Array, Array]], why: str
+) -> tuple[list[tuple[Array, Array]], str, Array]:
+    """Return a branch with its last point exactly on the bound that it reaches first."""
+    box, n = curve.box, curve.rest.system.n
+    last = found[-1][0]
+    reached = np.flatnonzero((last < box.low) | (last > box.high))
+    if len(found) > 1 and len(reached) and reached[0] < n:
+        here, there = (Point(u, along / curve.scale, 0.0) for u, along in found[-2:])
+        for i in reached[reached < n]:
+            bound = box.low[i] if last[i] < box.low[i] else box.high[i]
+            point = landing(curve, here, there, int(i), float(bound))
+            if point is not None and box.holds(point.u[None])[0]:
+                u = np.where(np.arange(len(last)) == i, bound, point.u)
+                return [*found[:-1], (u, curve.scale * point.tangent)], curve.at(int(i), float(last[i])), curve.scale
+    return [*found[:-1], (np.clip(last, box.low, box.high), found[-1][1])], why, curve.scale
+
+
+def _reason(rest: Rest, curve: RestCurve, last: Point, why: str) -> str:
+    """Return why a branch ends, with what is singular in the equations there."""
+    if why.startswith("the end of the interval") or "reaches its bound" in why or why in (CLOSED, AROUND):
+        return why
+    beyond = last.u + STEP * curve.scale * last.tangent
+    for u in (last.u, beyond):
+        guilty = singular_terms(rest.system).vanishing(u[: rest.system.n], rest.vector(u[-1]))
+        if guilty:
+            return f"{why}; {', '.join(guilty)}, which vanishes or is negative there"
+    return why

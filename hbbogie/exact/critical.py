@@ -1,0 +1,157 @@
+"""Critical values of many designs at once: Hopf points, folds, and the evidence where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.equilibria.hopf import hopf_points
+from hbbogie.errors import ModelError
+from hbbogie.exact.batch import CHUNK, Fold, Nominal, folds_near
+from hbbogie.exact.hopf import HopfPoints, hopf_of
+from hbbogie.exact.model import SwitchedLinear
+from hbbogie.exact.points import Point
+from hbbogie.exact.starting import at_grazing
+from hbbogie.exact.walk import follow
+from hbbogie.model.ranges import check_interval
+from hbbogie.model.system import System
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+
+BEYOND = 1.02  # value up to which a branch is followed, in units of its Hopf point's
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalValues:
+    """Critical values of D designs.
+
+    Attributes
+    ----------
+    fold, fold_omega : ndarray, shape (D,), unit of the parameter and rad/s
+        The smallest fold of the branch that begins at the Hopf point, below it; NaN where there is none.
+    fold_gradient : ndarray, shape (D, number of parameters)
+        Derivative of the fold's value in all parameters; -1 in the parameter itself.
+    hopf : HopfPoints
+    status : tuple of D str
+        How each fold was found, or why there is none.
+    failed : ndarray of bool, shape (D,)
+        Whether it is not known if there is a fold.
+    """
+
+    fold: Array
+    fold_omega: Array
+    fold_gradient: Array
+    hopf: HopfPoints
+    status: tuple[str, ...]
+    failed: NDArray[np.bool_]
+
+
+def critical_values(system: System, points: Array, parameter: str, interval: tuple[float, float]) -> CriticalValues:
+    """Find the first Hopf point and the fold below it of many designs, each with its gradient.
+
+    The folds are solved for together, from that of a nominal design; where that fails, in steps; where these fail,
+    the branch of the design is followed from its Hopf point.
+
+    Parameters
+    ----------
+    system : System
+        Its own parameter values are the nominal design.
+    points : ndarray, shape (D, number of parameters)
+        All parameters of every design; the entry of ``parameter`` is not used.
+    parameter : str
+    interval : (float, float), unit of the parameter
+        Where Hopf points and folds are looked for.
+
+    Raises
+    ------
+    ModelError
+        When the system is not linear between switchings, or for points of another shape.
+    ConvergenceError
+        When the nominal design has no Hopf point in the interval.
+    """
+    place = system.parameter_names.index(system.parameter(parameter).name)
+    low, high = check_interval(system, parameter, interval)
+    p = np.array(points, dtype=float)
+    if p.ndim != 2 or p.shape[1] != len(system.parameters):
+        raise ModelError(
+            f"critical_values: the points have shape {p.shape}; give one row for each design and one column for each "
+            f"of the {len(system.parameters)} parameters."
+        )
+    hopfs = hopf_points(system, parameter, (low, high))
+    if not hopfs:
+        raise ConvergenceError(
+            f"system {system.name!r}: no Hopf point from {low:g} to {high:g} at the system's own parameters; give a "
+            "nominal design that has one, or another interval."
+        )
+    start = at_grazing(system, hopfs[0])
+    p[:, place] = hopfs[0].value
+    hopf = _hopfs(start.closing.model, p, place, start.closing.sequence.states[0], low)
+    folds = follow(start, (low, BEYOND * hopfs[0].value)).marked("fold")
+    straight, stepped = folds_near(Nominal(folds[0]), p) if folds else ({}, {})
+    answers: list[tuple[Fold | None, str, bool]] = []
+    lost: list[int] = []
+    for d in range(len(p)):
+        fold = straight.get(d) or stepped.get(d)
+        if fold is not None and hopf.first[d] and low <= fold.value < hopf.value[d]:
+            how = "from the nominal fold" if d in straight else "in steps from the nominal fold"
+            answers.append((fold, f"fold found {how}", False))
+        else:
+            at, fold, status, unknown = _followed(system, parameter, p[d], (low, high))
+            answers.append((fold, status, unknown))
+            if at is None:
+                hopf.value[d], hopf.first[d] = np.nan, False
+            else:
+                p[d, place] = at
+                lost.append(d)
+    if lost:  # the Hopf points of the search there
+        again = _hopfs(start.closing.model, p[lost], place, start.closing.sequence.states[0], low)
+        for field in fields(HopfPoints):
+            getattr(hopf, field.name)[lost] = getattr(again, field.name)
+    return CriticalValues(
+        np.array([f.value if f else np.nan for f, _, _ in answers]),
+        np.array([f.omega if f else np.nan for f, _, _ in answers]),
+        np.array([f.gradient if f else np.full(p.shape[1], np.nan) for f, _, _ in answers]),
+        hopf,
+        tuple(status for _, status, _ in answers),
+        np.array([failed for *_, failed in answers]),
+    )
+
+
+def _hopfs(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float) -> HopfPoints:
+    """Return the Hopf points of all designs, in chunks."""
+    parts = [hopf_of(model, p[i : i + CHUNK], place, sides, low) for i in range(0, len(p), CHUNK)]
+    return HopfPoints(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(HopfPoints)))
+
+
+def _followed(
+    system: System, parameter: str, p: Array, interval: tuple[float, float]
+) -> tuple[float | None, Fold | None, str, bool]:
+    """Follow the branch of one design from its first Hopf point.
+
+    Return the value there (None where there is none), the fold, what was found, and whether that failed.
+    """
+    one = system.with_parameters(**dict(zip(system.parameter_names, map(float, p), strict=True)))
+    hopfs = hopf_points(one, parameter, interval)
+    if not hopfs:
+        return None, None, f"no fold: there is no Hopf point from {interval[0]:g} to {interval[1]:g}", False
+    try:
+        start = at_grazing(one, hopfs[0])
+        walk = follow(start, (interval[0], BEYOND * hopfs[0].value))
+    except ConvergenceError as error:
+        return hopfs[0].value, None, f"the branch could not be begun: {error}", True
+    below = [point for point in walk.marked("fold") if point.value < hopfs[0].value]
+    if below:
+        lowest = min(below, key=lambda point: point.value)
+        return hopfs[0].value, _fold_at(lowest), "fold found by following the branch from its Hopf point", False
+    missed = bool(walk.marked("fold not located")) or not walk.end.startswith("the end of the interval")
+    falling = "falls" if start.direction < 0 else "rises"
+    text = f"no fold: at its grazing the branch {falling}, {len(walk.points)} points followed; {walk.end}"
+    return hopfs[0].value, None, text, missed
+
+
+def _fold_at(point: Point) -> Fold:
+    nominal = Nominal(point)
+    return Fold(nominal.start, point.value, point.omega, nominal.gradient)

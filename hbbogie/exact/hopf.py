@@ -1,0 +1,109 @@
+"""Hopf points of many designs at once, with gradients in all parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.exact.model import SwitchedLinear
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 20
+LARGEST = 0.3  # largest change of the parameter in one step, relative to its value
+BELOW = 8  # values below a Hopf point at which the equilibrium is asked for its stability
+
+
+@dataclass(frozen=True, eq=False)
+class HopfPoints:
+    """The Hopf points of B designs at which the equilibrium loses its stability as the parameter rises.
+
+    Attributes
+    ----------
+    value : ndarray, shape (B,), unit of the parameter
+        NaN where none was found.
+    omega : ndarray, shape (B,), rad/s
+    gradient : ndarray, shape (B, number of parameters)
+        Derivative of the value in all parameters; -1 in the parameter itself.
+    first : ndarray of bool, shape (B,)
+        Whether the equilibrium is stable at all values looked at from the lower end up to the point.
+    mode : ndarray of complex, shape (B, n)
+        The critical eigenvector.
+    """
+
+    value: Array
+    omega: Array
+    gradient: Array
+    first: NDArray[np.bool_]
+    mode: NDArray[np.complex128]
+
+
+def hopf_of(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float) -> HopfPoints:
+    """Find the Hopf point of each design by Newton's method on the real part of the rightmost oscillating mode.
+
+    Parameters
+    ----------
+    model : SwitchedLinear
+    p : ndarray, shape (B, number of parameters)
+        The parameter itself at a first guess of its value.
+    place : int
+        The parameter.
+    sides : ndarray, shape (K,)
+        Contact state at rest.
+    low : float, unit of the parameter
+        Lower end of the values looked at.
+    """
+    p, B, n = p.copy(), len(p), model.N - 1
+    every, sides = np.arange(B), np.broadcast_to(sides, (len(p), len(sides)))
+    value, mode = np.full(B, np.nan), np.full((B, n), np.nan, dtype=complex)
+    omega, weights = np.full(B, np.nan), np.zeros((B, n, n))
+    for _ in range(ITERATIONS):
+        A, _, dA, _ = model.with_slopes(sides[: len(every)], p[every], place)
+        A, dA = A[:, :n, :n], dA[:, :n, :n]
+        values, vectors = np.linalg.eig(A)
+        growth = np.where(values.imag > 1e-9 * np.abs(values).max(axis=1, keepdims=True), values.real, -np.inf)
+        k, rows = growth.argmax(axis=1), np.arange(len(every))
+        left = np.linalg.solve(vectors.swapaxes(-1, -2), np.eye(n)[k][..., None].astype(complex))[..., 0]
+        u = vectors[rows, :, k]
+        slope = np.einsum("bi,bij,bj->b", left, dA, u).real
+        real = growth[rows, k]
+        done = np.abs(real) <= 1e-12 * np.abs(values[rows, k])
+        step = np.clip(-real / slope / p[every, place], -LARGEST, LARGEST)
+        at = every[done]
+        value[at], omega[at], mode[at] = p[at, place], values[rows, k].imag[done], u[done]
+        weights[at] = (left[:, :, None] * u[:, None, :]).real[done]
+        keep = ~done & np.isfinite(step)
+        # one step more costs less than a tolerance that round-off never meets
+        p[every[keep], place] *= 1 + step[keep]
+        tiny = keep & (np.abs(step) <= 1e-14)
+        at = every[tiny]
+        value[at], omega[at], mode[at] = p[at, place], values[rows, k].imag[tiny], u[tiny]
+        weights[at] = (left[:, :, None] * u[:, None, :]).real[tiny]
+        every = every[keep & ~tiny]
+        if not len(every):
+            break
+    found = np.isfinite(value)
+    gradient = np.full(p.shape, np.nan)
+    if found.any():
+        full = np.zeros((int(found.sum()), n + 1, n + 1))
+        full[:, :n, :n] = weights[found]
+        rows_ = np.zeros((len(full), len(model.surfaces), n + 1))
+        slopes = model.pulled_back(sides[: len(full)], p[found], full, rows_)
+        gradient[found] = -slopes / slopes[:, [place]]
+    return HopfPoints(value, omega, gradient, found & _stable_below(model, p, place, sides, low, found), mode)
+
+
+def _stable_below(
+    model: SwitchedLinear, p: Array, place: int, sides: Array, low: float, found: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return whether all eigenvalues have negative real parts at values from the lower end to each point."""
+    shares = (np.arange(BELOW) + 0.5) / BELOW
+    stable, n = np.zeros(len(p), dtype=bool), model.N - 1
+    q = np.repeat(p[found], BELOW, axis=0)
+    q[:, place] = low + (q[:, place] - low) * np.tile(shares, int(found.sum()))
+    A = model.matrices(np.repeat(sides[: int(found.sum())], BELOW, axis=0), q)[0][:, :n, :n]
+    largest = np.linalg.eigvals(A).real.max(axis=1).reshape(-1, BELOW)
+    stable[found] = (largest < 0).all(axis=1)
+    return stable

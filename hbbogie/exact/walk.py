@@ -1,0 +1,153 @@
+"""Branches of exact cycles: predictor with tangent and curvature, grazings and folds located on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.exact.changes import across, beyond, rotated, sound
+from hbbogie.exact.closing import Closing
+from hbbogie.exact.folding import fold_of
+from hbbogie.exact.points import Point, correct, unit
+from hbbogie.exact.touching import consistent, depths
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-11  # largest scaled residual of a fold
+PREDICTED = 1e-2  # distance of the predicted point from the branch at which the step stays as it is
+SHORTEST = 1e-5  # step at which the walk gives up
+NEARER = 1e-3  # step at which a change of the sequence is passed without being located
+SHORT = 1e-4  # scaled duration of a contact below which its vanishing is taken for a fold
+BISECTIONS = 8  # halvings of the way between two points in search of a fold
+
+
+def predicted(before: Point | None, here: Point, s: float) -> Array:
+    """Return the cubic through two points and their tangents, or the tangent alone, at a distance s."""
+    t = here.tangent
+    if before is None or len(before.y) != len(here.y) or before.closing is not here.closing:
+        return here.y + s * t
+    d, t0 = t @ (here.y - before.y), before.tangent / (before.tangent @ t)
+    e, f = (before.y - here.y + t * d) / d**2, (t - t0) / (2 * d)
+    b = 2 * (e - f) / d
+    return here.y + s * (t + s * (e + b * d + s * b))
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """The points of a branch in order, and why it ends."""
+
+    points: list[Point]
+    end: str
+
+    def marked(self, kind: str) -> list[Point]:
+        """Return the points of a kind: grazing, fold, end; fold not located, not located (a change of the sequence)."""
+        return [p for p in self.points if p.kind == kind]
+
+
+def follow(
+    first: Point, window: tuple[float, float], *, step: float = 0.05, longest: float = 1.0, most: int = 400
+) -> Walk:
+    """Follow a branch from a point in the direction of its tangent.
+
+    Parameters
+    ----------
+    first : Point
+    window : (float, float), unit of the parameter
+        Where the walk ends.
+    step, longest : float
+        First and longest step in the norm of the scaled unknowns.
+    most : int
+        Largest number of points.
+    """
+    points, before, here, length = [first], None, first, step
+    while len(points) < most:
+        low, high = (v / here.closing.frame.parameter[0] for v in window)
+        there, off = correct(here.closing, predicted(before, here, length), here.tangent)
+        if there is None or there.tangent @ here.tangent < 0.5:
+            length /= 3
+            if length < SHORTEST:
+                return Walk(points, f"no further point was found with steps down to {SHORTEST:g}")
+            continue
+        found = depths(there.closing, there.y[None], there.at)
+        if not consistent(there.closing, there.y[None], there.at, found)[0]:
+            changed = across(here, there, found) or (beyond(there, found) if length < NEARER else None)
+            if changed is None:
+                length /= 3
+                if length < SHORTEST:
+                    return Walk(points, "no order of contacts agrees with the motion beyond the last point")
+                continue
+            if changed.kind == "lost":
+                return Walk(
+                    [*points, replace(changed, kind="grazing")],
+                    "the last contact is lost in a grazing; what goes on is linear",
+                )
+        else:
+            changed = there
+        if changed.direction * here.direction < 0:
+            points.append(between(here, there, changed))
+        if not low <= changed.y[-1] <= high:
+            bound = low if changed.y[-1] < low else high
+            end = window[0] if changed.y[-1] < low else window[1]
+            return Walk([*points, *_landed(here, changed, bound)], f"the end of the interval, {end:g}")
+        points.append(changed)
+        same = changed.closing is here.closing
+        before, here = (here, changed) if same else (None, changed)
+        factor = min(2.0, max(0.4, (PREDICTED / max(off, 1e-12)) ** (0.25 if before else 0.5)))
+        length = min(length * factor, longest)
+        turned = rotated(here)
+        if turned is not here:
+            before, here = None, turned
+    return Walk(points, f"the largest number of points, {most}, was reached")
+
+
+def _landed(here: Point, there: Point, bound: float) -> list[Point]:
+    """Return the point between two others at a value of the scaled parameter."""
+    if there.closing is not here.closing:
+        here = there
+    share = 1.0 if here is there else (bound - here.y[-1]) / (there.y[-1] - here.y[-1])
+    y = here.y + share * (there.y - here.y)
+    y[-1] = bound
+    point, _ = correct(here.closing, y, unit(len(y), len(y) - 1))
+    return [] if point is None else [replace(point, kind="end")]
+
+
+def between(here: Point, there: Point, changed: Point) -> Point:
+    """Return the fold between two points, in the sequence of either; the second point where none is found.
+
+    ``there`` is the second point in the sequence of the first, ``changed`` the same in its own.
+    """
+    far = 2 * np.linalg.norm(there.y - here.y)
+    for closing, y in _guesses(here, there, changed):
+        touching = [closing.n + i for i in closing.sequence.touching]
+        if (y[touching] < SHORT).any():
+            continue
+        found = fold_of(closing, y[None])
+        if not found.error[0] <= TOLERANCE or (found.y[0, touching] < SHORT).any():
+            continue
+        point = Point(closing, found.y[0], np.append(found.v[0], 0.0), found.at, "fold", 0.0)
+        if np.linalg.norm(point.y - y) <= far and sound(point):
+            return point
+    return replace(changed, kind="fold not located")
+
+
+def _guesses(here: Point, there: Point, changed: Point) -> Iterator[tuple[Closing, Array]]:
+    """Yield guesses of a fold between two points: by a straight line, the points, then by halving."""
+    a, b = here.direction, there.direction
+    share = a / (a - b) if a * b < 0 else 1.0
+    yield here.closing, here.y + share * (there.y - here.y)
+    yield there.closing, there.y
+    yield changed.closing, changed.y
+    low, high = here.y, there.y
+    for _ in range(BISECTIONS if a * b < 0 else 0):
+        secant = (high - low) / np.linalg.norm(high - low)
+        point, _ = correct(here.closing, 0.5 * (low + high), secant)
+        if point is None:
+            return
+        if a * point.tangent[-1] * (point.tangent @ secant) < 0:
+            high = point.y
+        else:
+            low = point.y
+        yield here.closing, point.y

@@ -1,0 +1,65 @@
+"""All equilibria over an interval, and their Hopf points, with what was searched."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from hbbogie.results.branch import Branch, SpecialPoint
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibria:
+    """The branches of equilibria over an interval of a parameter; behaves like a tuple of them.
+
+    Attributes
+    ----------
+    branches : tuple of Branch
+        Each of orbits with H = 0, with folds, branch points and Hopf points as special points.
+    parameter : str
+    interval : (float, float), unit of the parameter
+    evidence : tuple of str
+        What was searched, what is held, why each branch ended and what was not located, sentences.
+    """
+
+    branches: tuple[Branch, ...]
+    parameter: str
+    interval: tuple[float, float]
+    evidence: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.branches)
+
+    def __iter__(self) -> Iterator[Branch]:
+        return iter(self.branches)
+
+    def __getitem__(self, i: int) -> Branch:
+        return self.branches[i]
+
+    def special(self, kind: str) -> list[SpecialPoint]:
+        """Return the special points of a kind on all branches, by growing parameter."""
+        return sorted((s for b in self.branches for s in b.special if s.kind == kind), key=lambda s: s.value)
+
+    def __repr__(self) -> str:
+        low, high = self.interval
+        head = f"{len(self.branches)} branch(es) of equilibria, {self.parameter} from {low:g} to {high:g}"
+        return "\n".join([head, *(f"  {sentence}" for sentence in self.evidence)])
+
+
+class HopfPoints(list[SpecialPoint]):
+    """Hopf points by growing parameter: a list with the evidence behind it.
+
+    Parameters
+    ----------
+    points : iterable of SpecialPoint
+    evidence : tuple of str
+        What was searched and what was not located, sentences.
+    """
+
+    def __init__(self, points: Iterable[SpecialPoint] = (), evidence: tuple[str, ...] = ()):
+        super().__init__(points)
+        self.evidence = evidence
+
+    def __repr__(self) -> str:
+        points = [f"{s.parameter} = {s.value:.9g}, omega = {s.omega:.6g}: {s.status}" for s in self]
+        return "\n  ".join([f"{len(self)} Hopf point(s)", *points, *self.evidence])
