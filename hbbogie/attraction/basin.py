@@ -5,16 +5,14 @@ from __future__ import annotations
 import functools
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.attraction.endings import Ends, Place, follow, place_of, states_of, steps_for
+from hbbogie.attraction.endings import Ends, Place, decide, place_of, states_of, steps_for
 from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.branches.judging import stability_of
 from hbbogie.branches.simulated import distinct
@@ -24,15 +22,8 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 from hbbogie.motion.integration import initial_state
-from hbbogie.parallel.processes import (
-    LOOK,
-    interruptions,
-    kill_workers,
-    one_thread_each,
-    start_worker,
-    starting,
-    told_to_stop,
-)
+from hbbogie.parallel.pool import worker_pool
+from hbbogie.parallel.processes import LOOK, interruptions, told_to_stop
 from hbbogie.progress import Progress, silent
 from hbbogie.results import Basin, Branch, Orbit
 from hbbogie.results.failure import ConvergenceError
@@ -272,7 +263,7 @@ class _Job:
         if place is None:
             return _failed(len(x), "no equilibrium was found")
         try:
-            return follow(self.system, place, place.equilibrium + x, self.longest[i], self.steps, stopped)
+            return decide(self.system, place, place.equilibrium + x, self.longest[i], self.steps, stopped)
         except (RuntimeError, np.linalg.LinAlgError) as error:
             return _failed(len(x), str(error))
 
@@ -317,29 +308,21 @@ def _task(payload: bytes, i: int, x: Array) -> Ends:
 
 def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int) -> Iterator[tuple[int, Ends]]:
     """Give the ends of the motions of each task as they come; what a broken process leaves out is not given."""
-    context = get_context("spawn")  # a fork would copy the threads of BLAS in whatever state they are
-    stop = context.Event()
-    # with each task: what is handed over at the start of a process blocks this one when that ends before it has read
     payload = pickle.dumps(job)
-    pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
-    with one_thread_each(), interruptions() as pressed, pool:
-        futures: dict[Future[Ends], int] = {}
-        waiting: set[Future[Ends]] = set()
+    with interruptions() as pressed, worker_pool(workers) as pool:
+        futures = {pool.submit(_task, payload, i, x): k for k, (i, x) in enumerate(zip(at, starts, strict=True))}
+        waiting = set(futures)
         try:
-            with starting(), suppress(BrokenProcessPool):  # while a process may end already
-                for k, (i, x) in enumerate(zip(at, starts, strict=True)):
-                    futures[pool.submit(_task, payload, i, x)] = k
-            waiting |= set(futures)
             while waiting and not pressed():
                 finished, waiting = wait(waiting, LOOK, FIRST_COMPLETED)
                 for future in finished:
                     if not isinstance(future.exception(), BrokenProcessPool):
                         yield futures[future], future.result()
         finally:  # motions under way end at their next look, at a second Ctrl-C at once
-            stop.set()
+            pool.stop()
             while waiting and pressed() < 2:
                 waiting = wait(waiting, LOOK).not_done
             if waiting:
-                kill_workers(pool)
+                pool.kill()
         if pressed():
             raise KeyboardInterrupt

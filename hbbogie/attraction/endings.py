@@ -234,7 +234,7 @@ def steps_for(system: System, starts: Sequence[tuple[Place, Array]]) -> int:
 # --- motions ----------------------------------------------------------------------------------
 
 
-def follow(
+def decide(
     system: System,
     place: Place,
     x: Array,

@@ -1,5 +1,5 @@
 from .comparison import Comparison as Comparison
-from .comparison import Followed as Followed
+from .comparison import TracedBranch as TracedBranch
 from .comparison import compare as compare
 from .comparison import method_named as method_named
 from .continuation import trace as trace
@@ -7,8 +7,8 @@ from .criticality import onset as onset
 from .crossing import crossings as crossings
 from .cycles import ORDERS as ORDERS
 from .cycles import find_cycles as find_cycles
-from .diagram import Curves as Curves
-from .diagram import curves as curves
+from .diagram import Diagram as Diagram
+from .diagram import bifurcation_diagram as bifurcation_diagram
 from .isolated import isolated_branches as isolated_branches
 from .judging import estimate as estimate
 from .judging import judged as judged

@@ -28,7 +28,7 @@ DEFAULT_METHODS = ("df1", "df2", "mhb3", "mhb15")
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class TracedBranch:
     """A branch by one method.
 
     Attributes
@@ -111,7 +111,7 @@ class Comparison:
     parameter, unit : str
     coordinates : tuple of str
         The coordinates whose amplitudes are compared: those that enter nonlinearly.
-    methods : dict of Followed
+    methods : dict of TracedBranch
         By name; the converged one is among them.
     truth : str
         Name of the method taken as the truth.
@@ -121,7 +121,7 @@ class Comparison:
     parameter: str
     unit: str
     coordinates: tuple[str, ...]
-    methods: dict[str, Followed]
+    methods: dict[str, TracedBranch]
     truth: str
     rows: tuple[Compared, ...]
 
@@ -150,7 +150,7 @@ def method_named(name: str) -> HarmonicBalance | DescribingFunction:
     return DescribingFunction(order=int(found[2])) if found[1] else HarmonicBalance(int(found[4]))
 
 
-def follow(system: System, name: str, hopf: SpecialPoint, interval: tuple[float, float]) -> Followed:
+def trace_by_method(system: System, name: str, hopf: SpecialPoint, interval: tuple[float, float]) -> TracedBranch:
     """Trace the branch that begins at a Hopf point by the method of that name."""
     start = time.perf_counter()
     equations = method_named(name).equations(system)
@@ -158,7 +158,7 @@ def follow(system: System, name: str, hopf: SpecialPoint, interval: tuple[float,
     equations.derivatives(())
     built = time.perf_counter()
     branch = trace(equations, hopf, hopf.parameter, interval, stability=False)
-    return Followed(name, equations, branch, built - start, time.perf_counter() - built)
+    return TracedBranch(name, equations, branch, built - start, time.perf_counter() - built)
 
 
 def compare(
@@ -212,7 +212,7 @@ def compare(
     followed = {}
     for i, method in enumerate(names):
         progress(f"branch by {method}", i / (2 * len(names)))
-        followed[method] = follow(system, method, hopf[0], span)
+        followed[method] = trace_by_method(system, method, hopf[0], span)
     V = followed[truth].branch.values
     chosen = np.linspace(V.min(), V.max(), 14)[1:-1] if values is None else np.asarray(values, dtype=float)
     rows: list[Compared] = []
@@ -223,7 +223,7 @@ def compare(
     return Comparison(name, system.parameter(name).unit, coordinates, followed, truth, tuple(rows))
 
 
-def _compared(followed: dict[str, Followed], truth: str, value: float) -> list[Compared]:
+def _compared(followed: dict[str, TracedBranch], truth: str, value: float) -> list[Compared]:
     by_method: dict[str, dict[int, tuple[Orbit, float]]] = {}
     for name, method in followed.items():
         try:

@@ -30,8 +30,8 @@ LARGEST = 10.0  # peak up to which a family is shown, in units of the amplitude 
 
 
 @dataclass(frozen=True, eq=False)
-class Curves:
-    """What exists over an interval of a parameter.
+class Diagram:
+    """What exists over an interval of a parameter: a bifurcation diagram.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Curves:
     notes: tuple[str, ...]
 
 
-def curves(
+def bifurcation_diagram(
     system: System,
     parameter: str,
     interval: tuple[float, float],
@@ -66,7 +66,7 @@ def curves(
     tolerance: float = 1e-3,
     stability: bool = True,
     progress: Progress = silent,
-) -> Curves:
+) -> Diagram:
     """Trace the branches from all Hopf points, those through the system's cycles, and what begins on them.
 
     Parameters
@@ -116,7 +116,7 @@ def curves(
     named = _named("branch", branches) | about.beyond(branches, families, H, notes)
     if stability:
         named = {name: judged(system, b, progress, f"stability of {name}") for name, b in named.items()}
-    return Curves(
+    return Diagram(
         parameter, interval, hopf, named, _named("family", families), cycles or [], tuple(dict.fromkeys(notes))
     )
 

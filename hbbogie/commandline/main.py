@@ -71,11 +71,11 @@ def branch(
     as_json: AsJson = False,
 ) -> None:
     """Follow the branches of cycles from all Hopf points over a range of a parameter."""
-    from hbbogie.branches.diagram import curves
+    from hbbogie.branches.diagram import bifurcation_diagram
     from hbbogie.commandline.terminal import deliver, progress_shown
     from hbbogie.model.problem import default_interval
     from hbbogie.model.ranges import check_interval
-    from hbbogie.reports.cycles import report_of_curves
+    from hbbogie.reports.cycles import report_of_diagram
     from hbbogie.reports.report import check_directory
 
     module, system = load(name, overrides)
@@ -83,10 +83,10 @@ def branch(
     limits = check_interval(system, parameter, interval or own)
     check_directory(output)
     with progress_shown() as progress:
-        traced = curves(
+        traced = bifurcation_diagram(
             system, parameter, limits, harmonics=harmonics or "auto", stability=stability, progress=progress
         )
-        found = report_of_curves(system, traced)
+        found = report_of_diagram(system, traced)
         files = found.write(output, progress)
     deliver(found, files, as_json)
 

@@ -29,7 +29,7 @@ STEPS = (0.02, 0.05, 0.005)  # first steps of a continuation, tried in turn
 
 
 @dataclass(frozen=True, eq=False)
-class _Followed:
+class _BranchFolds:
     """The folds of a branch, the lowest value met, why it ended, and whether it was followed to its end."""
 
     folds: list[Critical]
@@ -38,7 +38,7 @@ class _Followed:
     complete: bool
 
 
-def warm_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
+def warm_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _BranchFolds:
     """Go to the fold from the nearest one known; where that leads elsewhere or is far, follow the branch."""
     system, name = equations.system, hopf.parameter
     p = np.delete(system.vector(), system.parameter_names.index(name))
@@ -54,7 +54,7 @@ def warm_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float
             one = c.extremum == "minimum" and span[0] <= c.value < hopf.value
             if one and abs(c.omega / hopf.omega - 1) <= NEAR:
                 known.append((p, c.orbit))
-                return _Followed([c], c.value, "reached from the fold of a neighbour", True)
+                return _BranchFolds([c], c.value, "reached from the fold of a neighbour", True)
         except FAILURES:
             pass
     found = lowest_fold(equations, hopf, span, hopf.value)
@@ -62,18 +62,18 @@ def warm_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float
     return found
 
 
-def lowest_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _Followed:
+def lowest_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _BranchFolds:
     """Follow a branch until it is back at its Hopf point's value; solve for the folds below a value."""
     lost = None
     for narrow in NARROW:
         try:
             ladder = climb(equations, hopf, span[0], below, narrow)
             if not ladder.complete:
-                lost = _Followed([], ladder.lowest, ladder.end, False)
+                lost = _BranchFolds([], ladder.lowest, ladder.end, False)
                 break
             near = [orbit for orbit in ladder.folds if orbit.parameters[hopf.parameter] < below]
             found = [fold(equations, orbit, hopf.parameter, search=False) for orbit in near]
-            return _Followed(found, ladder.lowest, ladder.end, True)
+            return _BranchFolds(found, ladder.lowest, ladder.end, True)
         except FAILURES:
             continue
     if lost is not None and below < min(hopf.value, lost.lowest):
@@ -81,7 +81,7 @@ def lowest_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, flo
     return all_folds(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))
 
 
-def all_folds(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
+def all_folds(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _BranchFolds:
     """Follow a branch through an interval."""
     reason = ""
     for step in STEPS:
@@ -92,8 +92,8 @@ def all_folds(equations: Equations, hopf: SpecialPoint, span: tuple[float, float
             continue
         end = branch.ends[1]
         folds = [_located(equations, s) for s in branch.folds()]
-        return _Followed(folds, float(branch.values.min()), end.what, end.kind not in ("stuck", "points"))
-    return _Followed([], hopf.value, f"no branch was traced: {reason}", False)
+        return _BranchFolds(folds, float(branch.values.min()), end.what, end.kind not in ("stuck", "points"))
+    return _BranchFolds([], hopf.value, f"no branch was traced: {reason}", False)
 
 
 def _located(equations: Equations, special: SpecialPoint) -> Critical:

@@ -10,7 +10,7 @@ import numpy as np
 from hbbogie.design.criteria import Limit, Quantity
 from hbbogie.design.minimax import Minimum
 from hbbogie.design.point import DesignPoint
-from hbbogie.design.task import Task
+from hbbogie.design.task import DesignTask
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -207,7 +207,7 @@ def optimise(
         raise ModelError(f"optimise: over={over!r}; give a pair of bounds for each name, such as {{'K1': (2e6, 5e6)}}.")
     if not (isinstance(starts, int | np.integer) and starts >= 1):
         raise ModelError(f"optimise: starts={starts!r}; give a whole number from 1.")
-    task = Task(system, raise_, dict(over), tuple(subject_to), maximise, minimise, interval, harmonics, progress)
+    task = DesignTask(system, raise_, dict(over), tuple(subject_to), maximise, minimise, interval, harmonics, progress)
     before = task.before()
     first = (system.vector()[task.places] - task.low) / task.width
     designs = [np.clip(first, 0, 1), *qmc.LatinHypercube(len(task.names), rng=seed).random(starts - 1)]
@@ -232,7 +232,7 @@ def optimise(
     return _design(task, before, best, tuple(told))
 
 
-def _design(task: Task, before: DesignPoint, best: Minimum[DesignPoint], starts: tuple[Start, ...]) -> Design:
+def _design(task: DesignTask, before: DesignPoint, best: Minimum[DesignPoint], starts: tuple[Start, ...]) -> Design:
     after, system = best.sample.point, task.system
     terms = {term.name: term for term in task.limit_terms(after)}
     active, feasible = [], best.sample.violation <= FEASIBLE

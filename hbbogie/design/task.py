@@ -53,7 +53,7 @@ class Term:
         return self.side * (self.row.value - self.limit) / self.size
 
 
-class Task:
+class DesignTask:
     """The search in unit variables, with what scales it."""
 
     def __init__(

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.methods.equivalent import Critical, EquivalentSystem
+from hbbogie.methods.equivalent import EquivalentSystem, NeutralMode
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 AGREED = 1e-12  # objective up to which inputs and outputs count as compatible
 ENOUGH = 1e-18  # objective at which the derivative-free search ends
 RESTARTS = 6  # of the derivative-free search
-Found = tuple[Array, Critical, float, float, int, str]  # inputs, critical point, omega, objective, evaluations, status
+Found = tuple[Array, NeutralMode, float, float, int, str]  # inputs, neutral mode, omega, objective, evaluations, status
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ def compatible(
     equivalent = EquivalentSystem(system, parameter)
     first, a1 = equivalent.first(amplitude)
     inputs, known = _start(equivalent, first, a1, interval, guess)
-    solve: Callable[[EquivalentSystem, int, Array, Critical], Found]
+    solve: Callable[[EquivalentSystem, int, Array, NeutralMode], Found]
     if method == "ipopt":
         key = "compatibility", parameter, first
         solve = partial(_by_ipopt, system.once(key, lambda: _program(equivalent, first)))
@@ -157,7 +157,7 @@ def compatible(
 
 def _start(
     equivalent: EquivalentSystem, first: int, a1: float, interval: tuple[float, float], guess: Orbit | None
-) -> tuple[Array, Critical]:
+) -> tuple[Array, NeutralMode]:
     """Return input amplitudes to begin with and the critical value that belongs to them."""
     if guess is not None:
         mode = guess.coefficients[1] - 1j * guess.coefficients[2]
@@ -175,7 +175,7 @@ def _start(
     return inputs, equivalent.follow(known, begin, equivalent.stiffness(inputs))
 
 
-def _orbit(equivalent: EquivalentSystem, first: int, a1: float, found: Critical, status: str) -> Orbit:
+def _orbit(equivalent: EquivalentSystem, first: int, a1: float, found: NeutralMode, status: str) -> Orbit:
     """Return the eigenvector as a cycle in which the first element has its amplitude."""
     system, mode = equivalent.system, found.mode * a1 / found.outputs[first]
     p = equivalent.p.copy()
@@ -195,7 +195,7 @@ def _orbit(equivalent: EquivalentSystem, first: int, a1: float, found: Critical,
 # --- the derivative-free search of the source -------------------------------------------------
 
 
-def _by_search(equivalent: EquivalentSystem, first: int, inputs: Array, known: Critical) -> Found:
+def _by_search(equivalent: EquivalentSystem, first: int, inputs: Array, known: NeutralMode) -> Found:
     """Minimise over the logarithms of the other amplitudes, c and omega, which keeps them positive."""
     m, start = len(inputs), known
     others = [i for i in range(m) if i != first]
@@ -235,7 +235,7 @@ def _by_search(equivalent: EquivalentSystem, first: int, inputs: Array, known: C
 # --- one nonlinear program --------------------------------------------------------------------
 
 
-def _by_ipopt(program: Any, equivalent: EquivalentSystem, first: int, inputs: Array, known: Critical) -> Found:
+def _by_ipopt(program: Any, equivalent: EquivalentSystem, first: int, inputs: Array, known: NeutralMode) -> Found:
     system, m, size = equivalent.system, len(inputs), equivalent.linear.n_states
     n = system.n
     second = [i for i, s in enumerate(system.second_order) if s]
@@ -257,7 +257,7 @@ def _by_ipopt(program: Any, equivalent: EquivalentSystem, first: int, inputs: Ar
     eigenvector = (x[m + 3 : m + 3 + n] + 1j * x[m + 3 + size : m + 3 + size + n]) * sizes[:n]
     value, omega_h = known.value + x[m + 1] * (abs(known.value) or 1.0), float(x[m + 2] * known.omega)
     outputs = (equivalent.du_dq + 1j * omega_h * equivalent.du_dv) @ eigenvector
-    found = Critical(float(value), omega_h, eigenvector, outputs, np.empty(0), float("nan"))
+    found = NeutralMode(float(value), omega_h, eigenvector, outputs, np.empty(0), float("nan"))
     feasible = float(np.abs(result["g"].full()).max()) <= 1e-8
     objective = float(result["f"]) if feasible else np.inf
     status = f"IPOPT says {statistics['return_status']!r} after {statistics['iter_count']} iterations"

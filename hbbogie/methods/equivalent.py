@@ -27,7 +27,7 @@ GRID = 81  # values of the parameter at which a critical one is looked for
 
 
 @dataclass(frozen=True, eq=False)
-class Critical:
+class NeutralMode:
     """Where a pair of eigenvalues of the equivalent linear system is purely imaginary.
 
     Attributes
@@ -107,7 +107,7 @@ class EquivalentSystem:
             raise ModelError(f"amplitude of {name!r} is {value!r}; give a positive number.")
         return self.names.index(name), float(value)
 
-    def critical(self, stiffness: Array, value: float, omega: float) -> Critical:
+    def critical(self, stiffness: Array, value: float, omega: float) -> NeutralMode:
         """Return the critical value near a given one, by Newton's method with the exact derivative of the eigenvalue.
 
         Raises
@@ -129,7 +129,7 @@ class EquivalentSystem:
                 mode, frequency = x[:n], float(eigenvalues[i].imag)
                 outputs = (self.du_dq + 1j * frequency * self.du_dv) @ mode
                 slope = -rates[1:].real / rates[0].real
-                return Critical(float(value), frequency, mode, outputs, slope, float(rates[0].real))
+                return NeutralMode(float(value), frequency, mode, outputs, slope, float(rates[0].real))
             if not abs(step) <= max(abs(value), scale):
                 break
             value, near = value + step, eigenvalues[i] + rates[0] * step
@@ -138,7 +138,7 @@ class EquivalentSystem:
             "purely imaginary; start from another amplitude, or look where the equilibrium loses stability."
         )
 
-    def locate(self, stiffness: Array, interval: tuple[float, float]) -> Critical:
+    def locate(self, stiffness: Array, interval: tuple[float, float]) -> NeutralMode:
         """Return the change of stability of the equilibrium nearest to the system's own parameter value.
 
         Raises
@@ -170,7 +170,7 @@ class EquivalentSystem:
             "give another amplitude."
         )
 
-    def follow(self, known: Critical, before: Array, after: Array) -> Critical:
+    def follow(self, known: NeutralMode, before: Array, after: Array) -> NeutralMode:
         """Return the critical value at other stiffnesses, in steps from a known one along the same mode.
 
         Raises

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.compatibility import Compatible, compatible
-from hbbogie.methods.equivalent import Critical, EquivalentSystem
+from hbbogie.methods.equivalent import EquivalentSystem, NeutralMode
 from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
@@ -163,7 +163,7 @@ class _Walk:
     def critical(self, i: int, factors: Array | tuple[float, ...]) -> Array:
         """Return the critical value at each factor of a walk that begins at 1; NaN from where it is lost."""
         values = np.full(len(factors), np.nan)
-        known: Critical = self.known
+        known: NeutralMode = self.known
         orbit, before = self.cycle.orbit, self.stiffness(i, 1.0)
         name = self.equivalent.names[i]
         for k, factor in enumerate(factors):

@@ -7,10 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
+from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 INSIST = 1.0  # s after which a KeyboardInterrupt that was lost is raised again
@@ -88,12 +85,6 @@ def start_worker(stop: Any) -> None:
 def told_to_stop() -> bool:
     """Tell whether this is a worker process whose parent has set the event given to `start_worker`."""
     return any(stop.is_set() for stop in _stops)
-
-
-def kill_workers(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool at once; it does not survive that with cancelled futures."""
-    for process in list((getattr(pool, "_processes", None) or {}).values()):
-        process.kill()
 
 
 def _again(number: int, frame: object) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import ModuleType
 
 from hbbogie.attraction.basin import HARMONICS
-from hbbogie.branches.diagram import Curves, curves
+from hbbogie.branches.diagram import Diagram, bifurcation_diagram
 from hbbogie.model.problem import default_interval
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
@@ -21,13 +21,13 @@ def _about(
     interval: tuple[float, float] | None,
     reach: tuple[float, float],
     progress: Progress,
-) -> tuple[str, Curves, tuple[float, float]]:
+) -> tuple[str, Diagram, tuple[float, float]]:
     """Return the parameter, the curves of cycles over it, and the range: as given, else about fold and Hopf point."""
     parameter, own = default_interval(module, system, parameter)
     if interval is not None:
         lo, hi = check_interval(system, parameter, interval)
         own = min(own[0], lo), max(own[1], hi)
-    found = curves(system, parameter, own, harmonics=HARMONICS, progress=progress)
+    found = bifurcation_diagram(system, parameter, own, harmonics=HARMONICS, progress=progress)
     if interval is not None:
         return parameter, found, (lo, hi)
     lo, hi = own

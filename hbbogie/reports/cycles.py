@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hbbogie.branches.diagram import Curves, curves
+from hbbogie.branches.diagram import Diagram, bifurcation_diagram
 from hbbogie.errors import ModelError
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
@@ -21,7 +21,7 @@ from hbbogie.reports.cycle_tables import (
     largest_multiplier,
     special_table,
 )
-from hbbogie.reports.figures import curve_figures, cycle_figures, linear
+from hbbogie.reports.figures import cycle_figures, diagram_figures, linear
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch, Orbit
@@ -97,8 +97,8 @@ def default_study(module: ModuleType, system: System, progress: Progress = silen
         Called with (message, fraction done or None).
     """
     parameter, interval = default_interval(module, system, None)
-    found = curves(system, parameter, interval, progress=progress)
-    report = report_of_curves(system, found)
+    found = bifurcation_diagram(system, parameter, interval, progress=progress)
+    report = report_of_diagram(system, found)
     if not found.cycles:
         return report
     here = report_of_cycles(system, parameter, found.cycles)
@@ -157,7 +157,7 @@ def _by_hill(system: System, cycles: list[Orbit]) -> Table:
     )
 
 
-def report_of_curves(system: System, found: Curves) -> Report:
+def report_of_diagram(system: System, found: Diagram) -> Report:
     """Return tables, figures and notes of the curves of cycles over a parameter."""
     parameter, q = found.parameter, system.coordinate_names[0]
     unit = system.parameter(parameter).unit
@@ -184,7 +184,7 @@ def report_of_curves(system: System, found: Curves) -> Report:
     data = {"parameters": dict(system.values), "parameter": parameter, "interval": found.interval}
     data["hopf_points"] = [{"value": s.value, "omega_rad_s": s.omega, "status": s.status} for s in found.hopf]
     saved = {**found.branches, **{k: b for k, b in found.families.items() if not linear(b)}}
-    return Report(system.name, tuple(tables), saved, curve_figures(system, found), tuple(notes), data)
+    return Report(system.name, tuple(tables), saved, diagram_figures(system, found), tuple(notes), data)
 
 
 def quantity(system: System, parameter: str, value: float) -> str:

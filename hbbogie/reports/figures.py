@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie.branches.diagram import Curves
+from hbbogie.branches.diagram import Diagram
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.results import Branch, Orbit
@@ -26,7 +26,7 @@ def linear(family: Branch) -> bool:
     return bool(np.ptp(family.omega) <= 1e-9 * family.omega.max())
 
 
-def curve_figures(system: System, found: Curves) -> Figures:
+def diagram_figures(system: System, found: Diagram) -> Figures:
     """Return the figures of curves of cycles over a parameter, and of families."""
     parameter = system.parameter(found.parameter)
     across = label(f"{parameter.description} {parameter.name}".strip(), parameter.unit)

@@ -103,7 +103,7 @@ class Path:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class NewtonStep:
     """Equations and derivatives at a path, with the stages of each element eliminated.
 
     Attributes
@@ -189,7 +189,7 @@ class Shooting:
         traces = np.trace(self.rates(path)[1], axis1=2, axis2=3)
         return float(path.h @ (traces @ WEIGHTS))
 
-    def linearise(self, path: Path) -> Step:
+    def linearise(self, path: Path) -> NewtonStep:
         """Return the equations and their derivatives, the stages eliminated."""
         N, _, n = path.stages.shape
         f, J = self.rates(path)
@@ -207,7 +207,7 @@ class Shooting:
         off, slope = self._contacts(path)
         error = np.nan_to_num(max(np.abs(a).max(initial=0.0) for a in (residual, mismatch, off)), nan=np.inf)
         gap, transitions, drift = mismatch + end[..., 0], np.eye(n) + end[..., 1:-1], end[..., -1] + WEIGHTS @ f
-        return Step(f, float(error), gap, transitions, drift, response, off, slope)
+        return NewtonStep(f, float(error), gap, transitions, drift, response, off, slope)
 
     def _contacts(self, path: Path) -> tuple[Array, Array]:
         """Return how far each contact is from its level where its segment begins, scaled; derivatives."""
@@ -221,7 +221,7 @@ class Shooting:
         span = np.abs(derivative).sum(axis=1)
         return (u.full()[contact, k] - self.pattern.level) / span, derivative / span[:, None]
 
-    def matrix(self, path: Path, step: Step) -> csc_matrix:
+    def matrix(self, path: Path, step: NewtonStep) -> csc_matrix:
         """Return the derivative of gaps and conditions in the beginnings and in the durations, relative to all.
 
         The last rows are the contact conditions; without contacts one row fixes the phase.
@@ -245,7 +245,7 @@ class Shooting:
         i, j, values = (np.concatenate([part[k] for part in parts]) for k in range(3))
         return csc_matrix((values, (i, j)), shape=(N * n + S, N * n + S))
 
-    def corrections(self, path: Path, step: Step) -> Iterator[Array]:
+    def corrections(self, path: Path, step: NewtonStep) -> Iterator[Array]:
         """Yield corrections of beginnings and durations: Newton's, then the shortest, for a family of cycles."""
         matrix = self.matrix(path, step)
         right = -np.r_[step.gap.ravel(), step.off if len(step.off) else 0.0]
@@ -254,7 +254,7 @@ class Shooting:
         if len(right) <= LARGEST:
             yield np.linalg.lstsq(matrix.toarray(), right, rcond=1e-5)[0]
 
-    def improved(self, path: Path, step: Step, y: Array) -> tuple[Path, Step] | None:
+    def improved(self, path: Path, step: NewtonStep, y: Array) -> tuple[Path, NewtonStep] | None:
         """Return the path a correction leads to, halved until the residual falls; None where it does not."""
         S, period = len(path.durations), path.durations.sum()
         dx, dd = y[:-S].reshape(path.x.shape), y[-S:] * period
@@ -273,7 +273,7 @@ class Shooting:
             alpha /= 2
         return None
 
-    def newton(self, path: Path, tolerance: float) -> tuple[Path, Step]:
+    def newton(self, path: Path, tolerance: float) -> tuple[Path, NewtonStep]:
         """Return the path that closes, and the equations there; raise `ConvergenceError` where there is none."""
         step = self.linearise(path)
         for _ in range(ITERATIONS):
@@ -292,7 +292,7 @@ class Shooting:
             orbit=self.orbit,
         )
 
-    def close(self, tolerance: float) -> tuple[Path, Step]:
+    def close(self, tolerance: float) -> tuple[Path, NewtonStep]:
         """Return the closed motion on a mesh fine enough for the tolerance."""
         path, step = self.newton(self.start(max(tolerance, COARSE)), max(1e-2 * tolerance, 1e-13))
         for _ in range(REFINEMENTS):
@@ -308,7 +308,7 @@ class Shooting:
             orbit=self.orbit,
         )
 
-    def isolation(self, path: Path, step: Step) -> float:
+    def isolation(self, path: Path, step: NewtonStep) -> float:
         """Return the smallest singular value of the scaled equations, estimated: about 0 in a family of cycles."""
         with suppress(RuntimeError):  # singular to the last digit
             factors = splu(self.matrix(path, step))

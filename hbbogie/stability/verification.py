@@ -15,7 +15,7 @@ from hbbogie.results import Orbit, Stability
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.stability.jumps import Passages, passages_along, passages_of
 from hbbogie.stability.multipliers import judge
-from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, Path, Pattern, Shooting, Step, states_at
+from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, NewtonStep, Path, Pattern, Shooting, states_at
 from hbbogie.stability.variation import Waveform, check_orbit, product
 
 Array = NDArray[np.float64]
@@ -231,7 +231,7 @@ def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
     return Pattern(starts, lengths, contact, level, np.hstack(columns)), active
 
 
-def _closed(system: System, orbit: Orbit, tolerance: float) -> tuple[Shooting, Path, Step]:
+def _closed(system: System, orbit: Orbit, tolerance: float) -> tuple[Shooting, Path, NewtonStep]:
     """Return the closed motion with an order of contacts that agrees with it."""
     guess, p = orbit, system.vector(**orbit.parameters)
     for _ in range(ATTEMPTS):
@@ -252,14 +252,14 @@ def _closed(system: System, orbit: Orbit, tolerance: float) -> tuple[Shooting, P
     )
 
 
-def _dense(shooting: Shooting, path: Path, step: Step) -> tuple[Array, Array]:
+def _dense(shooting: Shooting, path: Path, step: NewtonStep) -> tuple[Array, Array]:
     """Return sigma, shape (SAMPLES + 1,), and the states there, shape (N, SAMPLES + 1, n_states)."""
     N, sigma = len(path.x), np.linspace(0, 1, SAMPLES + 1)
     x = states_at(path, step.f, np.repeat(np.arange(N), len(sigma)), np.tile(sigma, N)) * shooting.scale
     return sigma, x.reshape(N, len(sigma), -1)
 
 
-def _missed(shooting: Shooting, waveform: Waveform, active: NDArray[np.bool_], path: Path, step: Step) -> float:
+def _missed(shooting: Shooting, waveform: Waveform, active: NDArray[np.bool_], path: Path, step: NewtonStep) -> float:
     """Return how far a contact is on the wrong side of a level inside an element, relative to its range."""
     owner, direction, threshold = _ramps(waveform)
     if not len(owner):
@@ -287,7 +287,7 @@ def _sampled(shooting: Shooting, path: Path, f: Array, phases: Array) -> Array:
     return (states_at(path, f, e, sigma) * shooting.scale)[:, : shooting.system.n]
 
 
-def _coefficients(shooting: Shooting, path: Path, step: Step, tau: float, H: int) -> Array:
+def _coefficients(shooting: Shooting, path: Path, step: NewtonStep, tau: float, H: int) -> Array:
     """Return the Fourier coefficients with the time origin tau [rad] after the beginning, shape (2 H + 1, n)."""
     N = 16 * (H + 1)
     c = np.fft.rfft(_sampled(shooting, path, step.f, tau + fourier.phases(N)), axis=0)[: H + 1] / N
@@ -296,7 +296,7 @@ def _coefficients(shooting: Shooting, path: Path, step: Step, tau: float, H: int
     return out
 
 
-def _aligned(shooting: Shooting, path: Path, step: Step, orbit: Orbit) -> tuple[Array, float]:
+def _aligned(shooting: Shooting, path: Path, step: NewtonStep, orbit: Orbit) -> tuple[Array, float]:
     """Return the coefficients in phase with an orbit, and the distance from it relative to the peaks."""
     b = _coefficients(shooting, path, step, 0.0, max(orbit.H, 15))
     a, h = fourier.resize(orbit.coefficients, max(orbit.H, 15)), np.arange(1, max(orbit.H, 15) + 1)
@@ -318,7 +318,7 @@ def _aligned(shooting: Shooting, path: Path, step: Step, orbit: Orbit) -> tuple[
     return c, float((np.abs(gap).max(axis=0) / peak)[moving].max())
 
 
-def _peaks(shooting: Shooting, path: Path, step: Step) -> dict[str, float]:
+def _peaks(shooting: Shooting, path: Path, step: NewtonStep) -> dict[str, float]:
     """Return the largest absolute value of each coordinate, by the roots of its rate in the elements near it."""
     _, x = _dense(shooting, path, step)
     peaks = {}
@@ -334,7 +334,7 @@ def _peaks(shooting: Shooting, path: Path, step: Step) -> dict[str, float]:
     return peaks
 
 
-def _stability(shooting: Shooting, path: Path, step: Step, passages: Passages) -> Stability:
+def _stability(shooting: Shooting, path: Path, step: NewtonStep, passages: Passages) -> Stability:
     """Return multipliers and verdict from the transition matrices of the elements and those of the jumps."""
     if passages.corner:
         none = np.full(step.gap.shape[1], np.nan, dtype=complex)

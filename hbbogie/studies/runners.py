@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import concurrent.futures as cf
-import multiprocessing
 import os
 import sys
 import threading
 import time
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from typing import Any
 
 from hbbogie.errors import ModelError
-from hbbogie.parallel.processes import cores, kill_workers, one_thread_each, start_worker, starting
+from hbbogie.parallel.pool import Pool, worker_pool
+from hbbogie.parallel.processes import cores
 from hbbogie.studies.optional import required
 from hbbogie.studies.tasks import Outcome, Task, run_point, stop_study
 
@@ -34,7 +33,7 @@ class Runner:
 
     here = False
 
-    def __init__(self, payload: bytes | Task, executor: cf.Executor, window: int):
+    def __init__(self, payload: bytes | Task, executor: cf.Executor | Pool, window: int):
         self.payload, self.executor, self.window = payload, executor, window
 
     def room(self) -> int:
@@ -91,41 +90,24 @@ class _Cluster(Runner):
         return self.window
 
 
-class _Pool(Runner):
+class _Local(Runner):
     """Submits points to a pool of local processes, which is built anew when it breaks."""
 
-    def __init__(self, payload: bytes | Task, count: int):
-        context = multiprocessing.get_context("spawn")
-        self.stop = context.Event()
-        self.build = lambda: cf.ProcessPoolExecutor(count, context, start_worker, (self.stop,))
-        self.executor: cf.ProcessPoolExecutor
-        super().__init__(payload, self.build(), 2 * count)
-
-    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        """Submit a point; to a pool that has just broken, as a future that says so."""
-        try:
-            with starting():
-                return self._submit(point, values)
-        except BrokenProcessPool as error:
-            future: cf.Future[Outcome] = cf.Future()
-            future.set_exception(error)
-            return future
+    def __init__(self, payload: bytes | Task, pool: Pool):
+        self.pool = pool
+        super().__init__(payload, pool, 2 * pool.count)
 
     def renew(self, error: cf.BrokenExecutor) -> None:
-        """Take a new pool for the one that broke."""
-        self.executor.shutdown(wait=False, cancel_futures=True)
-        self.executor = self.build()
-        with starting():
-            answer = self.executor.submit(os.getpid)
-        _await_start([answer])
+        """Take other processes for those that broke."""
+        self.pool.renew()
 
     def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
-        """Begin no further point; the workers are told, as a pool with cancelled futures does not survive `kill`."""
-        self.stop.set()
+        """Begin no further point."""
+        self.pool.stop()
 
     def kill(self) -> None:
         """End the processes at once."""
-        kill_workers(self.executor)
+        self.pool.kill()
 
 
 class _Here(Runner):
@@ -169,29 +151,8 @@ def runner_of(task: Task, executor: cf.Executor | None, workers: int | None, sch
     if workers == 0:
         yield _Here(task)
         return
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise ModelError('sweep: put the call below: if __name__ == "__main__": (worker processes import the script).')
-    count = workers or cores()
-    with one_thread_each():
-        runner = _Pool(task.packed(), count)
-        try:
-            with starting():
-                answers = [runner.executor.submit(os.getpid) for _ in range(count)]
-            _await_start(answers)
-            yield runner
-        finally:
-            runner.executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _await_start(answers: list[cf.Future[int]]) -> None:
-    """Wait for the first worker to answer; raise `ModelError` where they cannot even start."""
-    try:
-        answers[0].result()
-    except BrokenProcessPool:
-        raise ModelError(
-            "the worker processes end as soon as they start; see what they print above. In a script the call stands "
-            'below: if __name__ == "__main__":'
-        ) from None
+    with worker_pool(workers or cores()) as pool:
+        yield _Local(task.packed(), pool)
 
 
 def lost_executor() -> ModelError:

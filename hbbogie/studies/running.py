@@ -14,7 +14,7 @@ from hbbogie.parallel.processes import LOOK, interruptions
 from hbbogie.progress import Progress
 from hbbogie.studies.runners import Runner, lost_executor
 from hbbogie.studies.store import NOMINAL, Store
-from hbbogie.studies.tasks import Outcome, check_names, failure
+from hbbogie.studies.tasks import Outcome, check_outputs, failure
 
 TRIES = 2  # times a point may kill the worker it runs on
 SILENT = 10  # points that may kill their workers as long as none has answered
@@ -96,7 +96,7 @@ def _refuse(nominal: Outcome, keep: Store) -> None:
     kind, _, reason = nominal.status.partition(": ")
     if nominal.failed and kind == ModelError.__name__:
         raise ModelError(f"the job cannot be done at the nominal point: {reason}")
-    check_names(nominal.outputs, keep.about()["parameters"])
+    check_outputs(nominal.outputs, keep.about()["parameters"])
 
 
 def _outcome(future: cf.Future[Outcome], point: int, pressed: Callable[[], int]) -> Outcome:

@@ -249,11 +249,11 @@ def _checked(returned: Any, inputs: Mapping[str, float]) -> tuple[dict[str, Any]
         raise ModelError(f"the job returned status = {status!r}; the status is a sentence. Rename the output.")
     if not isinstance(failed, bool | np.bool_):
         raise ModelError(f"the job returned failed = {failed!r}; give True or False, or rename the output.")
-    check_names(outputs, inputs)
+    check_outputs(outputs, inputs)
     return {name: _plain(name, value) for name, value in outputs.items()}, _encodable(status), bool(failed)
 
 
-def check_names(outputs: Iterable[Any], inputs: Iterable[str]) -> None:
+def check_outputs(outputs: Iterable[Any], inputs: Iterable[str]) -> None:
     """Raise `ModelError` where an output is named like an input or like what every study has besides."""
     for name in outputs:
         if not isinstance(name, str):

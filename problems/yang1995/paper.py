@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbbogie import ConvergenceError, Orbit, System, simulate, solve, verify
-from hbbogie.branches import Followed, compare
+from hbbogie.branches import TracedBranch, compare
 from hbbogie.methods import Compatible, HeuristicStability, compatible, describing_function, heuristic_stability
 from hbbogie.model import DeadBand
 from hbbogie.motion import settle
@@ -103,7 +103,7 @@ def comparison(system: System, methods: Sequence[str], progress: Progress) -> Re
     return Report("Describing function or multi-harmonic balance? Yang's bogie", tables, branches, figures, notes)
 
 
-def _state(system: System, state: Any, followed: dict[str, Followed]) -> StateByAll:
+def _state(system: System, state: Any, followed: dict[str, TracedBranch]) -> StateByAll:
     """Compute one state: at its printed a1 by one harmonic, at its printed speed by the others."""
     part = 0 if state.a1_ni is None else 1  # states 2 and 3 lie before the fold
     answers = {"printed EL": Answer(state.V, state.omega_el, state.a1_el, state.a2_el, False)}
@@ -158,7 +158,7 @@ def _of_orbit(orbit: Orbit, milliseconds: float, peaks: bool = True) -> Answer:
     return Answer(orbit.parameters["V"], orbit.omega, size("q1"), size("q3"), peaks, milliseconds)
 
 
-def _at_amplitude(followed: Followed, a1: float, peaks: bool = False) -> Answer | None:
+def _at_amplitude(followed: TracedBranch, a1: float, peaks: bool = False) -> Answer | None:
     """Return the cycle of a method with the first-harmonic amplitude a1 of the front wheelset."""
     near = min(followed.branch.orbits, key=lambda o: abs(o.first_harmonic("q1") - a1))
     start = time.perf_counter()
@@ -169,7 +169,7 @@ def _at_amplitude(followed: Followed, a1: float, peaks: bool = False) -> Answer 
     return _of_orbit(orbit, 1e3 * (time.perf_counter() - start), peaks)
 
 
-def _truth(converged: Followed, answer: Answer) -> Orbit | None:
+def _truth(converged: TracedBranch, answer: Answer) -> Orbit | None:
     """Return the converged cycle at the answer's speed, the one nearest in a1; at its a1 where there is none."""
     found = [orbit for orbit, _ in converged.at(answer.V).values()]
     if found:
@@ -304,7 +304,7 @@ def _dress(method: str) -> dict[str, Any]:
     return {"color": COLOURS[known.get(method, 5)], "lw": 1.3}
 
 
-def _comparison_page(followed: dict[str, Followed], states: list[StateByAll]) -> Figure:
+def _comparison_page(followed: dict[str, TracedBranch], states: list[StateByAll]) -> Figure:
     """Branches by every method, and their errors over speed."""
     from hbbogie import plot
 

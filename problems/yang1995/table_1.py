@@ -30,7 +30,7 @@ EL, NI, MHB, RK4 = "printed EL", "printed NI", "MHB", "RK4"
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class StateComparison:
     """One row of Table 1 with what is computed for it.
 
     Attributes
@@ -90,10 +90,10 @@ def study(system: System, progress: Progress) -> Report:
     return Report("Limit cycles of Yang's bogie", tables, {"branch": branch}, figures, notes, data)
 
 
-def compare(system: System, balance: Equations, branch: Branch, hopf: SpecialPoint, state: State) -> Comparison:
+def compare(system: System, balance: Equations, branch: Branch, hopf: SpecialPoint, state: State) -> StateComparison:
     """Compute what one row of Table 1 prints: at its speed, or at its amplitude where no cycle has that speed."""
     if state.state == 1:
-        return Comparison(state, hopf.orbit, None, "the Hopf point, no flange contact")
+        return StateComparison(state, hopf.orbit, None, "the Hopf point, no flange contact")
     stable = state.a1_ni is not None
     found = sorted(crossings(balance, branch, state.V), key=lambda o: o.amplitude("q1"))
     remark = (
@@ -112,10 +112,10 @@ def compare(system: System, balance: Equations, branch: Branch, hopf: SpecialPoi
         try:
             orbit = solve(balance, nearest, amplitude={"q1": a1}, free=PARAMETER)
         except ConvergenceError:
-            return Comparison(state, None, None, f"no cycle at this speed{fold} nor with this amplitude")
+            return StateComparison(state, None, None, f"no cycle at this speed{fold} nor with this amplitude")
         remark = f"no cycle at this speed{fold}; here at the printed a1, where V = {orbit.parameters['V']:.3f} m/s"
     else:
-        return Comparison(state, None, None, "no cycle at this speed")
+        return StateComparison(state, None, None, "no cycle at this speed")
     orbit = orbit.replace(stability=floquet(system, orbit))
     integrated = None
     if stable:
@@ -124,10 +124,10 @@ def compare(system: System, balance: Equations, branch: Branch, hopf: SpecialPoi
             integrated = (settled.omega, settled.amplitudes["q1"], settled.amplitudes["q3"])
         else:
             remark = f"{remark}; integration: {settled.status}".lstrip("; ")
-    return Comparison(state, orbit, integrated, remark)
+    return StateComparison(state, orbit, integrated, remark)
 
 
-def _computed(row: Comparison) -> tuple[float | None, float | None, float | None]:
+def _computed(row: StateComparison) -> tuple[float | None, float | None, float | None]:
     """Return frequency and peaks by multi-harmonic balance; at the Hopf point the amplitude is anything up to y0."""
     if row.orbit is None:
         return None, None, None
@@ -136,7 +136,7 @@ def _computed(row: Comparison) -> tuple[float | None, float | None, float | None
     return row.orbit.omega, row.orbit.amplitude("q1"), row.orbit.amplitude("q3")
 
 
-def table_of_states(rows: list[Comparison], H: int) -> Table:
+def table_of_states(rows: list[StateComparison], H: int) -> Table:
     """Return Table 1 of the paper with our columns beside the printed ones."""
     columns = ["state", "V [m/s]"]
     columns += [f"omega {m} [rad/s]" for m in (EL, NI, MHB, RK4)]
@@ -160,7 +160,7 @@ def table_of_states(rows: list[Comparison], H: int) -> Table:
     )
 
 
-def table_of_deviations(rows: list[Comparison]) -> Table:
+def table_of_deviations(rows: list[StateComparison]) -> Table:
     """Return the relative deviations of multi-harmonic balance from the printed columns and from our integration."""
     quantities = ("omega", "a1", "a2")
     columns = ("state", *(f"{q} MHB - {m} [%]" for m in (NI, RK4, EL) for q in quantities))
@@ -177,7 +177,7 @@ def table_of_deviations(rows: list[Comparison]) -> Table:
     return Table("deviations", "Deviation of multi-harmonic balance", columns, tuple(body), formats)
 
 
-def harmonic_convergence(system: System, rows: list[Comparison], hopf: SpecialPoint, taken: int) -> Table:
+def harmonic_convergence(system: System, rows: list[StateComparison], hopf: SpecialPoint, taken: int) -> Table:
     """Return how frequency, peaks and fold depend on the highest harmonic, over the stable states of Table 1."""
     stable = [r.orbit for r in rows if r.orbit is not None and r.integrated is not None]
     values: dict[int, list[Any]] = {}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hbbogie import Branch, ModelError, Orbit, load_problem
-from hbbogie.branches import curves, stability_of
+from hbbogie.branches import bifurcation_diagram, stability_of
 from hbbogie.model import default_interval, system_of
 from hbbogie.reports import Report, Table, check_directory, cycles_table, largest_multiplier, plain, run_of
 from hbbogie.results import Stability
@@ -187,7 +187,7 @@ def test_an_unknown_verdict_is_tried_with_more_harmonics():
 def test_of_mirror_images_one_is_shown():
     """The circuit without bias: symmetric branch, one asymmetric half from the pitchfork, doubled cycles if any."""
     module = load_problem("circuit")
-    found = curves(module.circuit(e=0.0), "v", (-0.6, -0.57), harmonics=15)
+    found = bifurcation_diagram(module.circuit(e=0.0), "v", (-0.6, -0.57), harmonics=15)
     assert found.branches["pitchfork"].special[0].kind == "pitchfork"
     half = found.branches["pitchfork"]
     assert (np.diff(half.values) < 0).all()
