@@ -167,9 +167,10 @@ def _level(system: System, name: str, cycle: Orbit) -> tuple[float, str]:
         unit = np.eye(system.n)[system.index(name)]
         across = [float(e.argument(q, zero, p)) for q in (zero, unit, *(np.eye(system.n) - np.diag(unit)))]
         alone = across[1] - across[0] != 0 and all(u == across[0] for u in across[2:])
-        thresholds = np.array(e.directions) * e.ramps(p)[3].full().ravel()
+        thresholds = np.array(e.directions) * e.gaps(p)
         if alone:
             gaps.append(float(np.abs((thresholds - across[0]) / (across[1] - across[0])).min()))
+    gaps = [gap for gap in gaps if np.isfinite(gap)]
     if gaps and max(gaps) > 0:
         return max(gaps), f"the gap, where contact of {name} ends and begins"
     return 0.5 * cycle.amplitude(name), "half the peak of the cycle at the fold, or where there is none of the first"

@@ -249,8 +249,8 @@ def _held(system: System) -> tuple[ca.Function, ca.Function]:
         depths.append(d * u - threshold)
         active = d * on[first : first + len(e.directions)]
         forces.append(offset + stiffness * u + ca.dot(active, k * depths[-1] + e.heights(p)))
-    rates = solved_rates(system, system.residual_with_forces(q, v, a, ca.vertcat(*forces), p), v, a)
-    x, beyond = state_of(system, q, v), ca.substitute(ca.vertcat(*depths), v, rates[:n])
+    rates = solved_rates(system.dynamics, system.residual_with_forces(q, v, a, ca.vertcat(*forces), p), v, a)
+    x, beyond = state_of(system.dynamics, q, v), ca.substitute(ca.vertcat(*depths), v, rates[:n])
     return ca.Function("held", [x, on, p], [rates]), ca.Function("depths", [x, on, p], [ca.densify(beyond)])
 
 
