@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -26,9 +27,15 @@ def test_saturation_of_a_falling_line():
 
 
 @pytest.mark.parametrize("stiffness", [0, 0.0])
-def test_saturation_without_stiffness_is_refused(stiffness):
-    with pytest.raises(hb.ModelError, match="its limit is never reached"):
-        hb.model.Saturation(stiffness, 1.0)
+def test_saturation_without_stiffness_is_no_force(stiffness):
+    assert _force(hb.model.Saturation(stiffness, 1.0), (-3, -0.25, 0.5, 9)) == [0, 0, 0, 0]
+
+
+def test_saturation_without_stiffness_has_a_slope_in_it():
+    """The derivative of clip(k u, -1, 1) with respect to k at k = 0 is u."""
+    k = ca.SX.sym("k")
+    slope = ca.Function("slope", [k], [ca.jacobian(hb.model.Saturation(k, 1.0).force(2.5), k)])
+    assert float(slope(0.0)) == 2.5
 
 
 def test_tabulated_goes_through_its_points_and_on():
