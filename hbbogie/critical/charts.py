@@ -252,18 +252,18 @@ class _Search:
             for p in self._special(kind, f)
         ]
         return Chart(
-            system.name,
-            name,
-            over,
-            (label(texts[0], units[0]), label(texts[1], units[1])),
-            self.span,
-            self.interval,
-            folds,
-            hopf,
-            tuple(special),
-            ranges[0],
-            ranges[1],
-            tuple(dict.fromkeys(self.notes)),
+            system=system.name,
+            parameter=name,
+            over=over,
+            labels=(label(texts[0], units[0]), label(texts[1], units[1])),
+            span=self.span,
+            interval=self.interval,
+            folds=folds,
+            hopf=hopf,
+            special=tuple(special),
+            without_fold=ranges[0],
+            without_hopf=ranges[1],
+            notes=tuple(dict.fromkeys(self.notes)),
         )
 
     def _hopf_curve(self, found: Followed) -> CriticalCurve:
@@ -271,8 +271,9 @@ class _Search:
         side = np.array([state.side for state in found.states])
         slope = np.array([state.slope for state in found.states])
         error = np.array([point.error for point in found.points])
-        omega, values, over = found.planes().T
-        return CriticalCurve("hopf", values, over, omega, slope, character, side, error, found.ends)
+        return _curve(
+            "hopf", found.planes(), slope=slope, character=character, side=side, residual=error, ends=found.ends
+        )
 
     def _fold_curve(self, found: Followed) -> CriticalCurve:
         planes, ends = found.planes(), list(found.ends)
@@ -289,10 +290,8 @@ class _Search:
             for values, value in ((character, character[at]), (slope, near[1]), (error, 0.0)):
                 values.insert(where, value)  # type: ignore[arg-type]
         side = np.array([1 if extremum == "minimum" else -1 for extremum in character])
-        omega, values, over = planes.T
-        return CriticalCurve(
-            "fold", values, over, omega, np.array(slope), tuple(character), side, np.array(error), (ends[0], ends[1])
-        )
+        rest = {"slope": np.array(slope), "character": tuple(character), "residual": np.array(error)}
+        return _curve("fold", planes, side=side, ends=(ends[0], ends[1]), **rest)
 
     def _special(self, curve: str, found: Followed) -> list[ChartPoint]:
         special = []
@@ -302,7 +301,8 @@ class _Search:
                 name = "onset changes" if state.grazing else "Bautin point"
             omega, value, over = self._rounded(plane(found.curve, point))
             text = f"{MEANING[name].format(self.names[1])}; residual {point.error:.1e}"
-            special.append(ChartPoint(name, curve, float(value), float(over), float(omega), text))
+            at = {"value": float(value), "over_value": float(over), "omega": float(omega)}
+            special.append(ChartPoint(kind=name, curve=curve, status=text, **at))
         return special
 
 
@@ -345,3 +345,9 @@ def _gaps(curves: Sequence[CriticalCurve], interval: tuple[float, float]) -> tup
     if high > reached + slack:
         gaps.append((reached, high))
     return tuple(gaps)
+
+
+def _curve(kind: str, planes: Array, **others: Any) -> CriticalCurve:
+    """Return a curve from its points (omega, value, other value), shape (points, 3), and the other fields."""
+    omega, values, over = planes.T
+    return CriticalCurve(kind=kind, values=values, over_values=over, omega=omega, **others)

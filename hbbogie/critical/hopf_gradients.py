@@ -36,7 +36,16 @@ def hopf_gradient(system: System, hopf: SpecialPoint) -> Critical:
     gradient = {n: float(s) for i, (n, s) in enumerate(zip(system.parameter_names, slopes, strict=True)) if i != place}
     residual = float(abs(values[k].real) / abs(values[k]))
     return Critical(
-        "hopf", hopf.parameter, hopf.value, "", hopf.omega, gradient, hopf.orbit, residual, float("nan"), hopf.status
+        kind="hopf",
+        parameter=hopf.parameter,
+        value=hopf.value,
+        extremum="",
+        omega=hopf.omega,
+        gradient=gradient,
+        orbit=hopf.orbit,
+        residual=residual,
+        curvature=float("nan"),
+        status=hopf.status,
     )
 
 

@@ -90,7 +90,18 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
         extremum = "minimum" if special.status.startswith("smallest") else "maximum"
         status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
         value, omega, nan = special.value, special.omega, float("nan")
-        return Critical("fold", special.parameter, value, extremum, omega, {}, orbit, orbit.residual, nan, status)
+        return Critical(
+            kind="fold",
+            parameter=special.parameter,
+            value=value,
+            extremum=extremum,
+            omega=omega,
+            gradient={},
+            orbit=orbit,
+            residual=orbit.residual,
+            curvature=nan,
+            status=status,
+        )
 
 
 def _same(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:

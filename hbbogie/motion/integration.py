@@ -102,14 +102,14 @@ def simulate(
         k += len(block)
     merged = system.with_parameters(**parameters)
     return Trajectory(
-        system.name,
-        system.coordinate_names,
-        tuple(c.unit for c in system.coordinates),
-        np.asarray(start + h * np.arange(count + 1), dtype=float),
-        states[:, : system.n].copy(),
-        velocities(system, states, p),
-        dict(merged.values),
-        f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=tuple(c.unit for c in system.coordinates),
+        t=np.asarray(start + h * np.arange(count + 1), dtype=float),
+        q=states[:, : system.n].copy(),
+        v=velocities(system, states, p),
+        parameters=dict(merged.values),
+        method=f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
     )
 
 
