@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
-
-import numpy as np
 
 
 class ModelError(ValueError):
@@ -24,7 +23,8 @@ def unknown_name(kind: str, got: str, allowed: Iterable[str]) -> str:
 
 def as_number(value: Any) -> float:
     """Return a number as a float; NaN for anything else: a text, a truth value, an expression, an array."""
-    if isinstance(value, str | bytes | bool | np.bool_) or (isinstance(value, np.ndarray) and value.ndim):
+    kind = getattr(getattr(value, "dtype", None), "kind", "")  # of NumPy's values
+    if isinstance(value, str | bytes | bool) or kind in ("b", "S", "U") or getattr(value, "ndim", 0) != 0:
         return float("nan")
     try:
         return float(value)
@@ -35,7 +35,7 @@ def as_number(value: Any) -> float:
 def positive(name: str, value: float, unit: str) -> float:
     """Return the value as a number; raise `ModelError` unless it is finite and above 0."""
     number = as_number(value)
-    if not (np.isfinite(number) and number > 0):
+    if not (math.isfinite(number) and number > 0):
         raise ModelError(
             f"{name}: got {value!r}; give a finite number above 0" + (f" in {unit}." if unit != "1" else ".")
         )

@@ -2,7 +2,50 @@
 
 from __future__ import annotations
 
+import re
+
+from hbbogie.errors import ModelError
+
+PREFIXES = {"": 1.0, "µ": 1e-6, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
+# prefixes in which a quantity is read easily, each with the size, in the bare unit, from which it is taken
+READABLE = {
+    "m": (("", 1.0), ("m", 1e-3), ("µ", 0.0)),
+    "rad": (("", 0.1), ("m", 1e-4), ("µ", 0.0)),
+    "N": (("M", 1e6), ("k", 1e4), ("", 0.0)),
+}
+
 
 def label(name: str, unit: str) -> str:
     """Return a header such as "V [m/s]"."""
     return f"{name} [{unit or '1'}]"
+
+
+def per_second(unit: str) -> str:
+    """Return the unit of a rate of change, such as "m/s²" of "m/s"."""
+    return f"{unit}²" if unit.endswith("/s") else "1/s" if unit in ("", "1") else f"{unit}/s"
+
+
+def readable(unit: str, largest: float) -> tuple[float, str]:
+    """Return factor and unit in which lengths, angles and forces of this size are read easily."""
+    base = re.split("[/ ]", unit)[0]  # not "m2", where the prefix would be squared
+    for prefix, least in READABLE.get(base, ()):
+        if 0 < largest >= least:
+            return 1 / PREFIXES[prefix], prefix + unit
+    return 1.0, unit
+
+
+def unit_factor(given: str, own: str, name: str) -> float:
+    """Return by what to multiply a value in a unit, such as "kN/m", to have it in the parameter's own, "N/m".
+
+    Raises
+    ------
+    ModelError
+        When the one is not the other with a prefix.
+    """
+    own_factor, bare = (PREFIXES["k"], own[1:]) if own.startswith("kg") else (1.0, own)
+    for prefix, factor in PREFIXES.items():
+        if given == prefix + bare:
+            return factor / own_factor
+    raise ModelError(
+        f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with a prefix or without."
+    )

@@ -148,6 +148,6 @@ def finished(store: Path) -> int:
         keep = Store.read(store)
     except ModelError:
         return 0
-    done = keep.progress().done
+    done = keep.counts().done
     keep.close()
     return done

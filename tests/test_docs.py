@@ -65,7 +65,7 @@ def test_equation_labels():
     assert len(labels) == len(set(labels))
     assert re.findall(r"^\| `(eq-[a-z-]+)` \|", theory, re.MULTILINE) == labels
     quoted = set()
-    for path in [*(ROOT / "hbbogie").rglob("*.py"), *(ROOT / "problems").glob("*.py")]:
+    for path in [*(ROOT / "hbbogie").rglob("*.py"), *(ROOT / "problems").rglob("*.py")]:
         quoted |= set(re.findall(r"\beq-[a-z]+(?:-[a-z]+)*", path.read_text("utf-8")))
     assert quoted
     for page in PAGES:

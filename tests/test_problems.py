@@ -3,8 +3,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from hbbogie.errors import ModelError
-from hbbogie.model import load_problem, shipped_problems, system_of
-from hbbogie.model.parts import is_odd
+from hbbogie.model import load_problem, parts, shipped_problems, system_of
 
 TIGHT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
 
@@ -51,7 +50,7 @@ def test_circuit_is_odd_without_its_bias_only():
     assert not module.circuit().odd
     for values, odd in ((module.BIASED, False), (module.SYMMETRIC, True)):
         system = module.circuit(**values)
-        assert is_odd(system.dynamics, system.vector()) == odd
+        assert parts.is_odd(system.dynamics, system.vector()) == odd
         assert np.all(system.ode(np.zeros(3), system.vector()).full() == 0) == odd
 
 

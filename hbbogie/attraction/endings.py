@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
-from hbbogie.motion.integration import TOO_LARGE
+from hbbogie.motion.integration import TOO_LARGE, runge_kutta_step
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
@@ -309,12 +309,8 @@ def _advanced(system: System, place: Place, x: Array, steps: int) -> Array:
 def _periods(system: System, steps: int) -> ca.Function:
     """Return (x, p, h) -> the state after so many steps of the classical Runge-Kutta method."""
     start, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
-    f, x = system.ode, start
+    x = start
     for _ in range(UNROLLED):
-        k1 = f(x, p)
-        k2 = f(x + h / 2 * k1, p)
-        k3 = f(x + h / 2 * k2, p)
-        k4 = f(x + h * k3, p)
-        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        x = runge_kutta_step(lambda y: system.ode(y, p), x, h)
     few = ca.Function("few", [start, p, h], [x], {"cse": True})
     return few.fold(steps // UNROLLED)

@@ -1,4 +1,5 @@
 from .comparison import Comparison as Comparison
+from .comparison import Followed as Followed
 from .comparison import compare as compare
 from .comparison import method_named as method_named
 from .continuation import trace as trace

@@ -16,7 +16,8 @@ from hbbogie.methods.equations import Equations
 from hbbogie.model.ranges import check_interval
 from hbbogie.results import Branch, Orbit
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.optimum import Cycle, Limit, minimise
+from hbbogie.solving.expressions import Cycle, CycleLimit
+from hbbogie.solving.optimum import minimise
 
 Array = NDArray[np.float64]
 SIZES = (0.05, 10.0)  # amplitudes of random cycles, in units of the amplitude scale
@@ -72,7 +73,7 @@ def isolated_branches(
     found: list[Branch] = []
     for attempt in range(attempts):
         guess = _random_cycle(equations, parameter, float(random.uniform(lo, hi)), random)
-        limits: list[Limit] = [(_value(parameter), lo, hi)]
+        limits: list[CycleLimit] = [(_value(parameter), lo, hi)]
         limits += [(_distance(equations, branch, hi - lo), AWAY**2, None) for branch in (*known, *found)]
         sign = 1 if attempt % 2 == 0 else -1
         try:

@@ -1,3 +1,2 @@
-from .main import app as app
-from .main import main as main
+from .application import app as app
 from .terminal import print_table as print_table

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from hbbogie.commandline.app import (
+from hbbogie.commandline import methods, motion, study  # noqa: F401  # each adds its commands
+from hbbogie.commandline.application import (
     FIGURES,
     AsJson,
     Harmonics,

@@ -8,7 +8,17 @@ from typing import Annotated
 
 import typer
 
-from hbbogie.commandline.app import AsJson, Harmonics, Interval, Output, Overrides, ParameterName, Problem, command, do
+from hbbogie.commandline.application import (
+    AsJson,
+    Harmonics,
+    Interval,
+    Output,
+    Overrides,
+    ParameterName,
+    Problem,
+    command,
+    do,
+)
 
 
 @command(

@@ -8,7 +8,17 @@ from typing import Annotated
 
 import typer
 
-from hbbogie.commandline.app import AsJson, Interval, Output, Overrides, ParameterName, Problem, command, do, load
+from hbbogie.commandline.application import (
+    AsJson,
+    Interval,
+    Output,
+    Overrides,
+    ParameterName,
+    Problem,
+    command,
+    do,
+    load,
+)
 
 
 @command(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbbogie.commandline.app import AsJson, app, command
+from hbbogie.commandline.application import AsJson, app, command
 
 if TYPE_CHECKING:
     from hbbogie.reports.report import Report
@@ -117,7 +117,7 @@ def status(file: File, store: StorePath = None, points: Count = None, as_json: A
 
     path, _ = _found(file, store, points)
     keep = Store.read(path)
-    p, about = keep.progress(), keep.about()
+    p, about = keep.counts(), keep.about()
     keep.close()
     rows = [
         ("store", str(path)),
@@ -218,7 +218,7 @@ def _state(path: Path) -> str:
     from hbbogie.studies.store import Store
 
     keep = Store.read(path)
-    p = keep.progress()
+    p = keep.counts()
     keep.close()
     return f"{p.done} of {p.total} points"
 

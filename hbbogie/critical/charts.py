@@ -267,13 +267,10 @@ class _Search:
         )
 
     def _hopf_curve(self, found: Followed) -> CriticalCurve:
-        character = tuple(_direction(state.onset) for state in found.states)
-        side = np.array([state.side for state in found.states])
-        slope = np.array([state.slope for state in found.states])
-        error = np.array([point.error for point in found.points])
-        return _curve(
-            "hopf", found.planes(), slope=slope, character=character, side=side, residual=error, ends=found.ends
-        )
+        states, error = found.states, np.array([point.error for point in found.points])
+        rest = {"side": np.array([s.side for s in states]), "slope": np.array([s.slope for s in states])}
+        character = tuple(_direction(state.onset) for state in states)
+        return _curve("hopf", found.planes(), character=character, residual=error, ends=found.ends, **rest)
 
     def _fold_curve(self, found: Followed) -> CriticalCurve:
         planes, ends = found.planes(), list(found.ends)

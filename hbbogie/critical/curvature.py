@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hbbogie.critical.folds import Critical
 from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
+from hbbogie.results import SpecialPoint
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def critical_hessian(equations: Equations, critical: Critical, names: Sequence[s
     p = system.vector(**critical.orbit.parameters)
     p[place] = critical.value
     if critical.kind == "hopf":
-        return _of_hopf(system, critical, place, places, p)
+        return _of_hopf(system, critical, places, p)
     return _of_fold(equations, critical, place, places, p)
 
 
@@ -68,36 +69,59 @@ def _of_fold(equations: Equations, critical: Critical, place: int, places: tuple
     return np.asarray((result + result.T) / 2)
 
 
-def _of_hopf(system: System, critical: Critical, place: int, places: tuple[int, ...], p: Array) -> Array:
-    n, x = system.n, critical.orbit.coefficients[0]
-    v = critical_vector(system, critical, p)
-    y = np.concatenate([x, v.real, v.imag, [critical.omega, critical.value]])
-    _, first, second = system.once(("hopf conditions", place), lambda: hopf_conditions(system, place))
-    Gy, Gp = (g.full() for g in first(y, p, v.real, v.imag))
-    # where the equilibrium stays, its equations may be singular and have nothing to say
-    kept = np.arange(len(y)) if np.any(Gp[:n]) else np.arange(n, len(y))
-    Gy = Gy[np.ix_(kept, kept)]
-    along = np.zeros(len(kept))
-    along[-1] = 1.0
-    mu = np.zeros(len(y))
-    mu[kept] = -np.linalg.solve(Gy.T, along)
+class HopfConditions:
+    """The conditions of a Hopf point, at the point: their derivatives, and multipliers with its value as objective.
+
+    Parameters
+    ----------
+    system : System
+    hopf : Critical or SpecialPoint
+    p : ndarray, shape (number of parameters,)
+
+    Attributes
+    ----------
+    eigenvalue : complex, 1/s
+    y : ndarray, shape (m,)
+        The unknowns of `hopf_conditions`.
+    w : tuple of ndarray, shape (n_states,)
+        Real and imaginary part of the eigenvector, of length 1.
+    by_unknowns, by_parameters : ndarray, shapes (m, m) and (m, number of parameters)
+    kept : ndarray of int
+        Equations and unknowns that count. Where the equilibrium stays, its equations may be singular and have nothing
+        to say.
+    multipliers : ndarray, shape (m,)
+        Their product with ``by_parameters`` is the gradient of the value.
+    """
+
+    def __init__(self, system: System, hopf: Critical | SpecialPoint, p: Array):
+        n, x = system.n, hopf.orbit.coefficients[0]
+        self.p, self.place = p, system.parameter_names.index(hopf.parameter)
+        values, vectors = np.linalg.eig(system.ode_jacobian(np.append(x, np.zeros(system.n_states - n)), p).full())
+        k = int(np.argmin(np.abs(values - 1j * hopf.omega)))
+        self.eigenvalue, v = complex(values[k]), vectors[:, k]  # of length 1
+        self.y, self.w = np.concatenate([x, v.real, v.imag, [hopf.omega, hopf.value]]), (v.real, v.imag)
+        first = system.once(("hopf conditions", self.place), lambda: hopf_conditions(system, self.place))[1]
+        self.by_unknowns, self.by_parameters = (g.full() for g in first(self.y, p, *self.w))
+        moves = np.any(self.by_parameters[:n]) or np.any(self.by_unknowns[:n, -1])
+        self.kept = np.arange(0 if moves else n, len(self.y))
+        along = np.zeros(len(self.kept))
+        along[-1] = 1.0
+        self.multipliers = np.zeros(len(self.y))
+        self.multipliers[self.kept] = -np.linalg.solve(self.by_unknowns[np.ix_(self.kept, self.kept)].T, along)
+
+
+def _of_hopf(system: System, critical: Critical, places: tuple[int, ...], p: Array) -> Array:
+    at = HopfConditions(system, critical, p)
+    second = system.once(("hopf curvature", at.place), lambda: _hopf_curvature(system, at.place))
     columns = np.array(places)
-    moved = -np.linalg.solve(Gy, Gp[np.ix_(kept, columns)])
-    both = np.concatenate([kept, len(y) + columns])
-    H = second(y, p, v.real, v.imag, mu).full()[np.ix_(both, both)]
+    moved = -np.linalg.solve(at.by_unknowns[np.ix_(at.kept, at.kept)], at.by_parameters[np.ix_(at.kept, columns)])
+    both = np.concatenate([at.kept, len(at.y) + columns])
+    H = second(at.y, p, *at.w, at.multipliers).full()[np.ix_(both, both)]
     T = np.vstack([moved, np.eye(len(columns))])
     return np.asarray(T.T @ H @ T)
 
 
-def critical_vector(system: System, critical: Critical, p: Array) -> NDArray[np.complex128]:
-    """Return the eigenvector of length 1 of a Hopf point, shape (n_states,)."""
-    x = np.append(critical.orbit.coefficients[0], np.zeros(system.n_states - system.n))
-    values, vectors = np.linalg.eig(system.ode_jacobian(x, p).full())
-    v = vectors[:, int(np.argmin(np.abs(values - 1j * critical.omega)))]
-    return np.asarray(v / np.linalg.norm(v), dtype=complex)
-
-
-def hopf_conditions(system: System, place: int) -> tuple[ca.Function, ca.Function, ca.Function]:
+def hopf_conditions(system: System, place: int) -> tuple[ca.Function, ca.Function]:
     """Return the equations of a Hopf point, as many as unknowns, and their derivatives.
 
     The unknowns y are equilibrium, real and imaginary part of the eigenvector v, omega and the value; the equations
@@ -113,8 +137,22 @@ def hopf_conditions(system: System, place: int) -> tuple[ca.Function, ca.Functio
     -------
     casadi.Function, (y, p, real w, imaginary w) -> equations
     casadi.Function, (y, p, real w, imaginary w) -> derivatives in y, in p
-    casadi.Function, (y, p, real w, imaginary w, mu) -> second derivative of mu . equations in (y, p)
     """
+    given, G = _symbolic_conditions(system, place)
+    plain = ca.Function("hopf", given, [ca.densify(G)])
+    return plain, ca.Function("hopf_slopes", given, [ca.densify(ca.jacobian(G, s)) for s in given[:2]])
+
+
+def _hopf_curvature(system: System, place: int) -> ca.Function:
+    """Return (y, p, real w, imaginary w, mu) -> second derivative of mu . equations in (y, p)."""
+    given, G = _symbolic_conditions(system, place)
+    mu = ca.SX.sym("mu", G.numel())
+    hessian = ca.hessian(ca.dot(mu, G), ca.vertcat(*given[:2]))[0]
+    return ca.Function("hopf_curvature", [*given, mu], [ca.densify(hessian)])
+
+
+def _symbolic_conditions(system: System, place: int) -> tuple[list[ca.SX], ca.SX]:
+    """Return y, p, real w, imaginary w, and the equations of a Hopf point in them."""
     n, N = system.n, system.n_states
     x, a, b = ca.SX.sym("x", n), ca.SX.sym("a", N), ca.SX.sym("b", N)
     omega, value = ca.SX.sym("omega"), ca.SX.sym("value")
@@ -129,9 +167,4 @@ def hopf_conditions(system: System, place: int) -> tuple[ca.Function, ca.Functio
         ca.dot(w_a, a) + ca.dot(w_b, b) - 1,
         ca.dot(w_a, b) - ca.dot(w_b, a),
     )
-    y, mu = ca.vertcat(x, a, b, omega, value), ca.SX.sym("mu", G.numel())
-    given = [y, p, w_a, w_b]
-    plain = ca.Function("hopf", given, [ca.densify(G)])
-    first = ca.Function("hopf_slopes", given, [ca.densify(ca.jacobian(G, s)) for s in (y, p)])
-    hessian = ca.hessian(ca.dot(mu, G), ca.vertcat(y, p))[0]
-    return plain, first, ca.Function("hopf_curvature", [*given, mu], [ca.densify(hessian)])
+    return [ca.vertcat(x, a, b, omega, value), p, w_a, w_b], G

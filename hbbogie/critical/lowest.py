@@ -38,7 +38,7 @@ class _Followed:
     complete: bool
 
 
-def _warm(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
+def warm_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
     """Go to the fold from the nearest one known; where that leads elsewhere or is far, follow the branch."""
     system, name = equations.system, hopf.parameter
     p = np.delete(system.vector(), system.parameter_names.index(name))
@@ -57,12 +57,12 @@ def _warm(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -
                 return _Followed([c], c.value, "reached from the fold of a neighbour", True)
         except FAILURES:
             pass
-    found = _lowest(equations, hopf, span, hopf.value)
+    found = lowest_fold(equations, hopf, span, hopf.value)
     known.extend((p, c.orbit) for c in found.folds if c.gradient)
     return found
 
 
-def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _Followed:
+def lowest_fold(equations: Equations, hopf: SpecialPoint, span: tuple[float, float], below: float) -> _Followed:
     """Follow a branch until it is back at its Hopf point's value; solve for the folds below a value."""
     lost = None
     for narrow in NARROW:
@@ -78,10 +78,10 @@ def _lowest(equations: Equations, hopf: SpecialPoint, span: tuple[float, float],
             continue
     if lost is not None and below < min(hopf.value, lost.lowest):
         return lost  # a branch far above what is looked for is not worth the longer way, by arclength
-    return _all(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))
+    return all_folds(equations, hopf, (span[0], min(span[1], hopf.value + MARGIN * (hopf.value - span[0]))))
 
 
-def _all(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
+def all_folds(equations: Equations, hopf: SpecialPoint, span: tuple[float, float]) -> _Followed:
     """Follow a branch through an interval."""
     reason = ""
     for step in STEPS:

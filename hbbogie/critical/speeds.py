@@ -19,6 +19,7 @@ from hbbogie.results.critical import Critical
 from hbbogie.results.failure import ConvergenceError
 
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
+SAME = 1e-7  # relative distance in value and frequency below which two points are one
 COARSE = 15  # highest harmonic with which branches are traced in search of folds
 
 
@@ -72,12 +73,12 @@ def critical_speeds(
         except (ConvergenceError, ModelError):  # no cycle of the kept harmonics begins here
             continue
         # a branch between two Hopf points is traced from both
-        located += [new for new in branch.folds() if not any(_same(new, other) for other in located)]
+        located += [new for new in branch.folds() if not any(coincide(new, other) for other in located)]
     for special in located:
         critical = _polished(fine, special)
         if harmonics > COARSE:
             critical = replace(critical, error=abs(critical.value - special.value))
-        if lo <= critical.value <= hi and not any(_same(critical, other) for other in found):
+        if lo <= critical.value <= hi and not any(coincide(critical, other) for other in found):
             found.append(critical)
     return sorted(found, key=lambda c: c.value)
 
@@ -104,6 +105,7 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
         )
 
 
-def _same(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:
+def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:
+    """Tell whether two points are one: of one kind, and the same in value and frequency."""
     pairs: tuple[tuple[Any, Any], ...] = ((a.value, b.value), (a.omega, b.omega))
-    return a.kind == b.kind and all(abs(x - y) <= 1e-7 * max(abs(x), abs(y)) for x, y in pairs)
+    return a.kind == b.kind and all(abs(x - y) <= SAME * max(abs(x), abs(y)) for x, y in pairs)

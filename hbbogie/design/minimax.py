@@ -16,11 +16,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.failure import FAILURES, ConvergenceError
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
-FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's among the first
 ACCEPTED, GOOD = 0.05, 0.7  # share of the predicted improvement from which a step is taken, and the next may be longer
 ROUND_OFF = 1e-13  # relative improvement that cannot be measured
 STATIONARY = 1e-6  # share of the violations whose removal would count

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbbogie.design.criteria import Limit, Quantity
-from hbbogie.design.minimax import FAILURES, Minimum
+from hbbogie.design.minimax import Minimum
 from hbbogie.design.point import DesignPoint
-from hbbogie.design.task import Progress, Task
+from hbbogie.design.task import Task
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.progress import Progress, silent
+from hbbogie.results.failure import FAILURES, ConvergenceError
 
 FEASIBLE = 1e-6  # sum of the relative violations up to which a design counts as keeping its limits
 
@@ -140,7 +141,7 @@ def optimise(
     seed: int = 0,
     iterations: int = 60,
     tolerance: float = 1e-6,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Design:
     """Choose parameters within bounds so that the smallest critical value of a parameter is as high as it can be.
 
@@ -162,14 +163,14 @@ def optimise(
     harmonics : int
         Highest harmonic of the cycles.
     starts : int
-        Number of searches; the second and further ones begin at random designs within the bounds.
+        Number of searches; the second and further ones begin at a Latin hypercube of designs within the bounds.
     seed : int
-        Of the random designs.
+        Of the hypercube.
     iterations : int
         At most, of each search.
     tolerance : float
         Largest entry of the scaled gradient of the Lagrangian.
-    progress : callable, optional
+    progress : callable
         Called with (message, fraction done or None).
 
     Returns
@@ -194,17 +195,16 @@ def optimise(
     --------
     ``optimise(bogie, raise_="V", over={"K1": (2e6, 5e6), "K2": (5e6, 15e6)})``
     """
+    from scipy.stats import qmc
+
     if not isinstance(over, Mapping) or any(np.shape(pair) != (2,) for pair in over.values()):
         raise ModelError(f"optimise: over={over!r}; give a pair of bounds for each name, such as {{'K1': (2e6, 5e6)}}.")
     if not (isinstance(starts, int | np.integer) and starts >= 1):
         raise ModelError(f"optimise: starts={starts!r}; give a whole number from 1.")
     task = Task(system, raise_, dict(over), tuple(subject_to), maximise, minimise, interval, harmonics, progress)
     before = task.before()
-    rng = np.random.default_rng(seed)
-    # Latin hypercube: each of the random starts has a slice of every parameter to itself
-    slices = rng.permuted(np.tile(np.arange(starts - 1.0), (len(task.names), 1)), axis=1).T
     first = (system.vector()[task.places] - task.low) / task.width
-    designs = [np.clip(first, 0, 1), *((slices + rng.random(slices.shape)) / max(starts - 1, 1))]
+    designs = [np.clip(first, 0, 1), *qmc.LatinHypercube(len(task.names), rng=seed).random(starts - 1)]
     found: list[Minimum[DesignPoint] | None] = []
     told: list[Start] = []
     for k, x in enumerate(designs):

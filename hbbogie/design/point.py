@@ -14,7 +14,7 @@ from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.critical.curvature import critical_hessian
 from hbbogie.critical.folds import Critical, fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
-from hbbogie.critical.speeds import critical_speeds
+from hbbogie.critical.speeds import coincide, critical_speeds
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.methods.equations import Equations
@@ -27,7 +27,6 @@ from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
 SAMPLES = 41  # of the range, between which Hopf points are bracketed from one design to the next
-SAME = 1e-7  # relative distance in value and frequency below which two folds are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +130,7 @@ def design_point(
         found = [hopf_gradient(system, h) for h in hopf]
     for c in near.critical if near else ():  # a fold stays when its Hopf point leaves the range
         warm = _followed(equations, c, parameter) if c.kind == "fold" else None
-        if warm is not None and not any(_same(warm, other) for other in found):
+        if warm is not None and not any(coincide(warm, other) for other in found):
             found.append(warm)
     kept = sorted((c for c in found if c.extremum != "maximum"), key=lambda c: c.value)
     if kept and not kept[0].gradient and len(system.parameters) > 1:
@@ -147,11 +146,6 @@ def _followed(equations: Equations, c: Critical, parameter: str) -> Critical | N
         return fold(equations, c.orbit, parameter)
     except ConvergenceError:
         return None
-
-
-def _same(a: Critical, b: Critical) -> bool:
-    pairs = ((a.value, b.value), (a.omega, b.omega))
-    return a.kind == b.kind and all(abs(x - y) <= SAME * max(abs(x), abs(y)) for x, y in pairs)
 
 
 def critical_rows(point: DesignPoint) -> list[tuple[Row, Critical | None]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from hbbogie.design.minimax import FAILURES
 from hbbogie.design.point import DesignPoint, Row, critical_rows, design_point
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.progress import Progress, silent
+from hbbogie.results.failure import FAILURES, ConvergenceError
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float | None], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +259,7 @@ class MonteCarlo:
 
 
 def monte_carlo(
-    point: DesignPoint, uncertainty: Uncertainty, count: int = 200, seed: int = 0, progress: Progress | None = None
+    point: DesignPoint, uncertainty: Uncertainty, count: int = 200, seed: int = 0, progress: Progress = silent
 ) -> MonteCarlo:
     """Find the smallest critical value at random designs about a design, each from the folds of that design.
 
@@ -270,7 +269,7 @@ def monte_carlo(
     uncertainty : Uncertainty
     count : int
     seed : int
-    progress : callable, optional
+    progress : callable
         Called with (message, fraction done).
     """
     places = _places(point.system, point.parameter, uncertainty)
@@ -279,8 +278,7 @@ def monte_carlo(
     H = (point.equations.coefficients.size1_out(0) - 1) // 2
     values = np.full(count, np.nan)
     for i, factor in enumerate(factors):
-        if progress:
-            progress("random designs", i / count)
+        progress("random designs", i / count)
         try:
             changed = point.system.with_parameters(
                 **dict(zip(uncertainty.factors, map(float, factor * p), strict=True))
@@ -288,7 +286,7 @@ def monte_carlo(
             values[i] = design_point(changed, point.parameter, point.interval, H, point).value
         except ConvergenceError as error:
             values[i] = error.statistics.get("below", np.nan)
-        except (ModelError, *FAILURES):
+        except FAILURES:
             continue  # a factor beyond the bounds of its parameter, or a failure of the numerics
     return MonteCarlo(factors, values)
 

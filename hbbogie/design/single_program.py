@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.critical.curvature import critical_vector, hopf_conditions
+from hbbogie.critical.curvature import HopfConditions, hopf_conditions
 from hbbogie.critical.folds import Critical
 from hbbogie.design.criteria import Expression, Limit
 from hbbogie.design.point import DesignPoint
@@ -218,16 +218,15 @@ def _hopf_block(
     system = equations.system
     numbers = system.vector(**c.orbit.parameters)
     numbers[place] = c.value
-    plain, first, _ = system.once(("hopf conditions", place), lambda: hopf_conditions(system, place))
-    v = critical_vector(system, c, numbers)
-    start = np.concatenate([c.orbit.coefficients[0], v.real, v.imag, [c.omega, c.value]])
-    sizes = np.concatenate([np.full(system.n, equations.scale[0]), np.ones(2 * len(v)), [c.omega, scale]])
-    rows = np.abs(first(start, numbers, v.real, v.imag)[0].full() * sizes).max(axis=1)
-    x = ca.MX.sym(name, len(start))
-    given = (x * sizes, p, v.real, v.imag)
+    plain, first = system.once(("hopf conditions", place), lambda: hopf_conditions(system, place))
+    at = HopfConditions(system, c, numbers)
+    sizes = np.concatenate([np.full(system.n, equations.scale[0]), np.ones(2 * system.n_states), [c.omega, scale]])
+    rows = np.abs(at.by_unknowns * sizes).max(axis=1)
+    x = ca.MX.sym(name, len(sizes))
+    given = (x * sizes, p, *at.w)
     G, (Gy, Gp) = plain(*given) / rows, first(*given)
     Gu = Gp[:, places] * ca.repmat(ca.DM(width).T, len(rows), 1)
     jacobian = ca.horzcat(Gy * ca.repmat(ca.DM(sizes).T, len(rows), 1), Gu) / ca.repmat(
         ca.DM(rows), 1, len(sizes) + len(width)
     )
-    return x, _Block(start / sizes, G, jacobian, x[len(start) - 1])
+    return x, _Block(at.y / sizes, G, jacobian, x[len(sizes) - 1])

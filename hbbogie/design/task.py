@@ -15,10 +15,10 @@ from hbbogie.design.point import DesignPoint, Row, design_point
 from hbbogie.errors import ModelError
 from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
+from hbbogie.progress import Progress
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float | None], None]
 RESCANS = 3  # times the search begins anew when the range holds a lower critical value than those followed
 
 
@@ -66,7 +66,7 @@ class Task:
         minimise: Quantity | None,
         interval: tuple[float, float] | None,
         harmonics: int,
-        progress: Progress | None,
+        progress: Progress,
     ):
         if maximise is not None and minimise is not None:
             raise ModelError("optimise: got both maximise= and minimise=; give one of them, or none.")
@@ -130,8 +130,7 @@ class Task:
             if term.row.hessian is not None:
                 curvatures[term.name] = partial(self._curvature, term.row.hessian, factor)
         f, c = ({term.name: term.value for term in some} for some in (terms, limits))
-        if self.progress:
-            self.progress(f"{self.stage}: {self.parameter} = {point.value:.5g}", None)
+        self.progress(f"{self.stage}: {self.parameter} = {point.value:.5g}", None)
         return Sample(f, c, slopes, point, curvatures)
 
     def _curvature(self, hessian: Callable[[Sequence[str]], Array], factor: float) -> Array:

@@ -1,15 +1,18 @@
 """Problem files: find them, load them, build their systems.
 
-A problem file is a Python file with a docstring (source, assumptions, symbols with units) and
+A problem is a Python file with a docstring (source, assumptions, symbols with units) and
 
 - ``SYSTEM``: a function that takes parameter values as keywords and returns a `System`;
 - ``PARAMETER``, optional: name of the parameter to continue in where nothing else is said;
 - ``RANGE``, optional: smallest and largest value of that parameter, (lo, hi).
 
-Worker processes. A problem is loaded as the module ``hbbogie_problem_<name>`` (for a user's file,
-with the hash of its path behind it), which stands in ``sys.modules`` but not on the import path.
-Its functions and classes therefore pickle, and a forked worker finds them. A worker started afresh
-has to load the problem first; the name is the same in every process, so this is enough::
+A problem that takes more than one file is a folder of them. Its ``__init__.py`` offers these names, and imports them
+from the modules beside it, as in ``from .bogie import SYSTEM``.
+
+Worker processes. A problem is loaded as the module ``hbbogie_problem_<name>``. The name of a user's problem has the
+hash of its path behind it. The module stands in ``sys.modules`` but not on the import path. Its functions and classes
+therefore pickle, and a forked worker finds them. A worker started afresh has to load the problem first. The name is
+the same in every process, so this is enough::
 
     ProcessPoolExecutor(initializer=load_problem, initargs=(path,))
 
@@ -24,8 +27,9 @@ import inspect
 import os
 import sys
 import traceback
+from importlib.machinery import FileFinder, SourceFileLoader
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 from hbbogie.errors import ModelError, unknown_name
@@ -42,8 +46,9 @@ def shipped_folder() -> Path:
 
 def shipped_problems() -> tuple[str, ...]:
     """Return the names of the problems that come with the package, in alphabetical order."""
-    files = shipped_folder().glob("*.py")
-    return tuple(sorted(f.stem for f in files if not f.stem.startswith("_")))
+    folder = shipped_folder()
+    found = [f.stem for f in folder.glob("*.py")] + [f.parent.name for f in folder.glob("*/__init__.py")]
+    return tuple(sorted(name for name in found if not name.startswith("_")))
 
 
 def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
@@ -52,12 +57,13 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
     Parameters
     ----------
     name_or_path : str or path
-        Path of an existing file that ends in .py, or the name of a shipped problem.
+        Name of a shipped problem, or path of an existing file that ends in .py, or of a folder with an
+        ``__init__.py``.
 
     Returns
     -------
     module
-        Loaded once in a process as long as the file stays as it is; a file that has changed is loaded afresh. Its
+        Loaded once in a process as long as its files stay as they are, and afresh when one has changed. Its
         ``__source_hash__`` is the hash of what was loaded.
 
     Raises
@@ -73,29 +79,43 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
     path = _locate(name_or_path)
     name = _module_name(path)
     try:
-        source = path.read_bytes()
+        source = b"\0".join(file.read_bytes() for file in _files(path))
     except OSError as error:
         raise ModelError(f"problem file {str(path)!r} cannot be read: {error.strerror}.") from error
     digest = hashlib.sha256(source).hexdigest()[:16]
     before = sys.modules.get(name)
     if before is not None and getattr(before, "__source_hash__", digest) == digest:
         return before
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ModelError(f"problem file {str(path)!r}: Python cannot read it as a module.")
-    module = importlib.util.module_from_spec(spec)
+    _forget(name)
+    loader = _Source(name, str(path))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, loader))  # type: ignore[arg-type]
     module.__dict__["__source_hash__"] = digest
+    for folder in getattr(module, "__path__", ()):
+        sys.path_importer_cache[folder] = FileFinder(folder, (_Source, [".py"]))
     sys.modules[name] = module  # before execution: dataclasses look their module up
     try:
-        # not by the loader, whose bytecode cache takes a file for the same by time and size
-        exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
+        loader.exec_module(module)
     except (Exception, SystemExit) as error:
-        del sys.modules[name]
+        _forget(name)
         raise ModelError(_failure(error, path, "cannot be loaded")) from error
     except BaseException:
-        del sys.modules[name]
+        _forget(name)
         raise
     return module
+
+
+class _Source(SourceFileLoader):
+    """Compiles what stands in the file: the bytecode cache takes a file for the same by time and size."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
+def problem_file(function: object) -> str | None:
+    """Return the file of the problem that a function is part of, None of any other function."""
+    module = sys.modules.get(getattr(function, "__module__", None) or "")
+    package = sys.modules.get(module.__name__.partition(".")[0]) if module else None
+    return str(package.__file__) if package and hasattr(package, "__source_hash__") else None
 
 
 def system_of(module: ModuleType, /, **overrides: Any) -> System:
@@ -140,7 +160,7 @@ def system_of(module: ModuleType, /, **overrides: Any) -> System:
 
 
 def _locate(name_or_path: str | os.PathLike[str]) -> Path:
-    """Return the resolved path of a user's file or of a shipped problem."""
+    """Return the resolved path of the file of a problem, which is the ``__init__.py`` of one that is a folder."""
     text = os.fspath(name_or_path)
     if text.endswith(".py"):
         path = Path(text).expanduser()
@@ -153,30 +173,45 @@ def _locate(name_or_path: str | os.PathLike[str]) -> Path:
             )
         text = path.stem  # the file name of a shipped problem, meant as its name
     if text in shipped_problems():
-        return shipped_folder() / f"{text}.py"
+        folder = shipped_folder() / text
+        return folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    inside = Path(text).expanduser() / "__init__.py"
+    if inside.is_file():
+        return inside.resolve()
     raise ModelError(
         f"{unknown_name('problem', text, shipped_problems())} These are the shipped problems; "
-        "or give the path of a .py file."
+        "or give the path of a .py file, or of a folder with an __init__.py."
     )
+
+
+def _files(path: Path) -> list[Path]:
+    """Return the files of a problem."""
+    return sorted(path.parent.glob("*.py")) if path.name == "__init__.py" else [path]
+
+
+def _forget(name: str) -> None:
+    """Take a problem out of the loaded modules, with the modules of its folder."""
+    for loaded in [m for m in sys.modules if m == name or m.startswith(f"{name}.")]:
+        del sys.modules[loaded]
 
 
 def _module_name(path: Path) -> str:
     """Return the name of a problem's module, the same in every process that sees the file at this path."""
-    name = "hbbogie_problem_" + "".join(c if c.isalnum() else "_" for c in path.stem)
-    if path.parent == shipped_folder():
+    home = path.parent if path.name == "__init__.py" else path
+    name = "hbbogie_problem_" + "".join(c if c.isalnum() else "_" for c in home.stem)
+    if home.parent == shipped_folder():
         return name
-    return f"{name}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+    return f"{name}_{hashlib.sha256(str(home).encode()).hexdigest()[:12]}"
 
 
 def _failure(error: BaseException, path: Path, what: str) -> str:
     """Return the sentence for an error raised in a problem file, with the file and the line in it."""
-    line: int | None = None
-    if isinstance(error, SyntaxError) and error.filename == str(path):
-        line = error.lineno
+    own = {str(file) for file in _files(path)}
+    if isinstance(error, SyntaxError) and error.filename in own:
+        place = f"{error.filename}, line {error.lineno}"
     else:
-        frames = traceback.extract_tb(error.__traceback__)
-        line = next((f.lineno for f in reversed(frames) if f.filename == str(path)), None)
-    place = f"{path}, line {line}" if line else str(path)
+        frames = reversed(traceback.extract_tb(error.__traceback__))
+        place = next((f"{f.filename}, line {f.lineno}" for f in frames if f.filename in own), str(path))
     text = error.msg if isinstance(error, SyntaxError) else str(error)
     return f"problem file {place} {what}: {type(error).__name__}: {text}".rstrip(": ") + "."
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -18,6 +17,7 @@ from hbbogie.model.laws import Law
 from hbbogie.model.parts import Parts, is_odd, split
 from hbbogie.model.ramps import Scalar
 from hbbogie.model.symbols import Coordinate, Parameter
+from hbbogie.model.values import Values
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -66,13 +66,13 @@ class System:
         description: str = "",
     ):
         self._dynamics = equations_of_motion(name, coordinates, parameters, equations, elements, description)
-        self._values: Mapping[str, float] = MappingProxyType({p.name: _checked(p, p.default) for p in self.parameters})
+        self._values: Mapping[str, float] = Values({p.name: _checked(p, p.default) for p in self.parameters})
 
     @classmethod
     def _of(cls, dynamics: Dynamics, values: Mapping[str, float]) -> System:
         """Return the system of equations that are analysed already, at values that are checked already."""
         system = cls.__new__(cls)
-        system._dynamics, system._values = dynamics, MappingProxyType(dict(values))
+        system._dynamics, system._values = dynamics, Values(values)
         return system
 
     def __reduce__(self) -> tuple[Any, ...]:

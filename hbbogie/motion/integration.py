@@ -177,21 +177,29 @@ def _advance(system: System, method: str, tolerance: float, size: int, x: Array,
         ) from error
 
 
-def _runge_kutta(system: System, size: int) -> ca.Function:
-    """Return (x, p, h) -> states after 1 ... size steps of the classical Runge-Kutta method."""
-    if any(e.heights is not None for e in system.elements):
-        return _located(system).mapaccum("rk4", size)
-    x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
-    return ca.Function("step", [x, p, h], [_step(lambda y: system.ode(y, p), x, h)]).mapaccum("rk4", size)
+def runge_kutta_step(f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX) -> ca.SX:
+    """Return the state after one step of the classical Runge-Kutta method.
 
-
-def _step(f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX) -> ca.SX:
-    """Return the state one step after x."""
+    Parameters
+    ----------
+    f : callable
+        x -> dx/dt.
+    x : casadi.SX, shape (n_states,)
+    h : casadi.SX, s
+    """
     k1 = f(x)
     k2 = f(x + h / 2 * k1)
     k3 = f(x + h / 2 * k2)
     k4 = f(x + h * k3)
     return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _runge_kutta(system: System, size: int) -> ca.Function:
+    """Return (x, p, h) -> states after 1 ... size steps of the classical Runge-Kutta method."""
+    if any(e.heights is not None for e in system.elements):
+        return _located(system).mapaccum("rk4", size)
+    x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
+    return ca.Function("step", [x, p, h], [runge_kutta_step(lambda y: system.ode(y, p), x, h)]).mapaccum("rk4", size)
 
 
 def _located(system: System) -> ca.Function:
@@ -200,7 +208,7 @@ def _located(system: System) -> ca.Function:
     n, m = system.n_states, depths.size1_out(0)
     sx = [ca.SX.sym("x", n), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h"), ca.SX.sym("on", m)]
     x, p, h, on = sx
-    whole = ca.Function("whole", sx, [_step(lambda y: field(y, on, p), x, h)])
+    whole = ca.Function("whole", sx, [runge_kutta_step(lambda y: field(y, on, p), x, h)])
     end, then = ca.SX.sym("end", n), ca.SX.sym("then", m)
     start, stop = depths(x, on, p), depths(end, on, p)
     share = ca.if_else(on != then, start / (start - stop), 1)

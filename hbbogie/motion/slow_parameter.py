@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, positive
 from hbbogie.model.system import System
-from hbbogie.motion.integration import MOST_STEPS, TOO_LARGE, Initial, default_step, initial_state, velocities
+from hbbogie.motion.integration import (
+    MOST_STEPS,
+    TOO_LARGE,
+    Initial,
+    default_step,
+    initial_state,
+    runge_kutta_step,
+    velocities,
+)
 from hbbogie.results import Trajectory
 from hbbogie.results.failure import ConvergenceError
 
@@ -96,18 +104,15 @@ def simulate_ramp(
 
 def _runge_kutta(system: System, place: int) -> ca.Function:
     """Return (x, values, p, h, rate) -> states after 1 ... BLOCK steps that begin at these values of a parameter."""
-    x, p = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
+    n, x, p = system.n_states, ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
     value, h, rate = (ca.SX.sym(name) for name in ("value", "h", "rate"))
 
-    def f(x: ca.SX, share: float) -> ca.SX:
-        at = [value + share * h * rate if i == place else p[i] for i in range(len(system.parameters))]
-        return system.ode(x, ca.vertcat(*at))
+    def drifting(y: ca.SX) -> ca.SX:  # eq-drift: the value is one more state
+        at = [y[n] if i == place else p[i] for i in range(p.numel())]
+        return ca.vertcat(system.ode(y[:n], ca.vertcat(*at)), rate)
 
-    k1 = f(x, 0)  # eq-drift
-    k2 = f(x + h / 2 * k1, 0.5)
-    k3 = f(x + h / 2 * k2, 0.5)
-    k4 = f(x + h * k3, 1)
-    step = ca.Function("step", [x, value, p, h, rate], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+    after = runge_kutta_step(drifting, ca.vertcat(x, value), h)[:n]
+    step = ca.Function("step", [x, value, p, h, rate], [after], {"cse": True})
     return step.mapaccum("ramp", BLOCK)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit, Trajectory
+from hbbogie.units import PREFIXES, readable
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")
@@ -146,21 +147,14 @@ def coordinate_of(o: Orbit | Trajectory, name: str | None) -> tuple[str, str]:
 
 
 def scale(unit: str, data: Iterable[ArrayLike], label: str = "") -> tuple[float, str]:
-    """Return factor and unit in which lengths and angles of this size are read easily.
+    """Return factor and unit in which data of this size are read easily.
 
     A unit that stands already on the axis is kept, so that curves drawn later fit those drawn before.
     """
-    base = unit.split("/")[0]
-    if base not in ("m", "rad"):
-        return 1.0, unit
-    for prefix, factor in (("", 1.0), ("m", 1e3), ("µ", 1e6)):
+    for prefix, size in PREFIXES.items():
         if f"[{prefix}{unit}]" in label:
-            return factor, prefix + unit
-    largest = max((float(np.abs(d).max(initial=0.0)) for d in map(np.asarray, data)), default=0.0)
-    small = 1.0 if base == "m" else 0.1
-    if not 0 < largest < small:
-        return 1.0, unit
-    return (1e3, "m" + unit) if largest >= 1e-3 * small else (1e6, "µ" + unit)
+            return 1 / size, prefix + unit
+    return readable(unit, max((float(np.abs(d).max(initial=0.0)) for d in map(np.asarray, data)), default=0.0))
 
 
 def legend(ax: Axes) -> Axes:

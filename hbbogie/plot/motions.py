@@ -14,6 +14,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 from hbbogie.plot.appearance import COLOURS, INK, Array, axes, legend, scale, styled
 from hbbogie.plot.branches import branch
 from hbbogie.results import Basin, Branch, Hysteresis, SpecialPoint
+from hbbogie.units import per_second
 
 # pale, so that the branch stands out: the stable cycle's colour where motions settle on it
 ENDS = {"rest": "#eef1f3", "cycle": "#bcd9ec", "undecided": "#f6dfa6"}
@@ -97,12 +98,12 @@ def hysteresis(
     passages = [*runs.falling, *runs.rising]
     factor, unit = scale(runs.unit or "1", [p.peaks for p in passages], ax.get_ylabel())
     ax.set_ylabel(f"[{unit}]")
-    per_second = _per_second(runs.parameter_unit)
+    unit_of_rate = per_second(runs.parameter_unit)
     for some, name, shades in ((runs.falling, "falling", "Purples"), (runs.rising, "rising", "Greens")):
         tones = colormaps[shades](np.linspace(0.9, 0.45, len(some)))
         fast_to_slow = ", ".join(f"{abs(p.rate):g}" for p in some)
         for p, tone in zip(some, tones, strict=True):
-            text = f"{name} by {fast_to_slow} {per_second} (dark to pale)" if p is some[0] else "_"
+            text = f"{name} by {fast_to_slow} {unit_of_rate} (dark to pale)" if p is some[0] else "_"
             ax.plot(p.values, factor * p.peaks, color=tone, lw=1.3, zorder=2.5, label=text)
             if np.isfinite(p.event):
                 ax.plot(p.event, factor * runs.level, "o", ms=4.5, mfc="white", mec=tone, mew=1.3, zorder=6)
@@ -143,7 +144,7 @@ def delays(runs: Hysteresis, ax: Axes | None = None) -> Axes:
     ax.xaxis.minorticks_off()
     ax.yaxis.set_major_formatter(ScalarFormatter())
     ax.yaxis.set_minor_formatter(NullFormatter())
-    ax.set_xlabel(f"rate [{_per_second(runs.parameter_unit)}]")
+    ax.set_xlabel(f"rate [{per_second(runs.parameter_unit)}]")
     ax.set_ylabel(f"delay in {runs.parameter} [{runs.parameter_unit or '1'}]")
     return legend(ax)
 
@@ -165,7 +166,3 @@ def _edges(grid: Array) -> Array:
         return np.hstack([grid - half, grid + half])
     between = 0.5 * (grid[:, :-1] + grid[:, 1:])
     return np.hstack([2 * grid[:, :1] - between[:, :1], between, 2 * grid[:, -1:] - between[:, -1:]])
-
-
-def _per_second(unit: str) -> str:
-    return f"{unit}²" if unit.endswith("/s") else "1/s" if unit in ("", "1") else f"{unit}/s"

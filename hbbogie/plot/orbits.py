@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from hbbogie.errors import ModelError
 from hbbogie.plot.appearance import COLOURS, LINES, Array, axes, coordinate_of, legend, scale, styled
 from hbbogie.results import Orbit, Trajectory
+from hbbogie.units import per_second
 
 
 @styled
@@ -40,7 +41,7 @@ def orbit(
     if y:
         up, unit_y = coordinate_of(many[0], y)
     else:
-        up, unit_y = f"velocity of {across}", "1/s" if unit_x == "1" else f"{unit_x}/s"
+        up, unit_y = f"velocity of {across}", per_second(unit_x)
     curves = []
     for o in many:
         t = np.linspace(0.0, o.period, 1 + max(400, 32 * o.H)) if o.H else np.zeros(1)

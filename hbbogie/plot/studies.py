@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from hbbogie.errors import ModelError
 from hbbogie.plot.appearance import COLOURS, INK, PALE, Array, axes, figure_of, legend, styled
+from hbbogie.units import label, readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,14 +27,17 @@ MOST = 300  # lines of parallel coordinates, spread evenly over the output
 
 
 def column(data: xr.Dataset, name: str) -> tuple[Array, str]:
-    """Return the values of an input or output, shape (N,), and their label; large forces in kN or MN."""
-    values, attributes = np.asarray(data[name].values, dtype=float), data[name].attrs
-    text, unit = f"{attributes.get('long_name', '')} {name}".strip(), attributes.get("units") or "1"
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
-    for prefix, size in (("M", 1e6), ("k", 1e4)):
-        if unit.startswith("N") and largest >= size:
-            return values / {"M": 1e6, "k": 1e3}[prefix], f"{text} [{prefix}{unit}]"
-    return values, f"{text} [{unit}]"
+    """Return the values of an input or output, shape (N,), and their label, in a unit that is read easily."""
+    values, text, unit = _own(data, name)
+    factor, unit = readable(unit, float(np.nanmax(np.abs(values), initial=0.0)))
+    return factor * values, label(text, unit)
+
+
+def _own(data: xr.Dataset, name: str) -> tuple[Array, str, str]:
+    """Return the values of an input or output, shape (N,), as they are, what they are, and their unit."""
+    of = data[name].attrs
+    text, unit = f"{of.get('long_name', '')} {name}".strip(), of.get("units") or "1"
+    return np.asarray(data[name].values, dtype=float), text, unit
 
 
 @styled
@@ -50,7 +54,7 @@ def parameter_map(data: xr.Dataset, x: str, y: str, output: str, ax: Axes | None
     ax : Axes
     """
     ax = axes(ax, (6.6, 4.6))
-    (u, across_label), (v, up_label), (w, label) = (column(data, n) for n in (x, y, output))
+    (u, across_label), (v, up_label), (w, height_label) = (column(data, n) for n in (x, y, output))
     known = np.isfinite(w)
     if np.count_nonzero(known) < 3:
         raise ModelError(f"map of {output!r}: fewer than three points have a value.")
@@ -69,7 +73,7 @@ def parameter_map(data: xr.Dataset, x: str, y: str, output: str, ax: Axes | None
         ax.plot(u[~known], v[~known], "x", color=INK, ms=4, mew=0.8, label=f"no {output}")
         legend(ax)
     ax.grid(False)
-    figure_of(ax).colorbar(filled, ax=ax, label=label)
+    figure_of(ax).colorbar(filled, ax=ax, label=height_label)
     ax.set_xlabel(across_label)
     ax.set_ylabel(up_label)
     return ax
@@ -90,12 +94,12 @@ def distribution(
     ax : Axes
     """
     ax = axes(ax)
-    w = np.asarray(data[output].values, dtype=float)
+    w, text, unit = _own(data, output)  # the unit the thresholds are in
     w = np.sort(w[np.isfinite(w)])
     ax.hist(
         w, bins=min(40, max(5, int(np.sqrt(len(w))))), color=COLOURS[0], alpha=0.55, edgecolor="white", linewidth=0.6
     )
-    ax.set_xlabel(column(data, output)[1])
+    ax.set_xlabel(label(text, unit))
     ax.set_ylabel("samples [1]")
     right = ax.twinx()
     right.grid(False)
@@ -103,8 +107,8 @@ def distribution(
     right.step(w, np.arange(1, len(w) + 1) / len(w), where="post", color=INK, lw=1.3)
     right.set_ylim(0, 1.02)
     right.set_ylabel("share of the samples below [1]")
-    for k, (value, text) in enumerate(thresholds):
-        ax.axvline(value, color=COLOURS[1 + k % 6], ls="--", lw=1.4, label=text)
+    for k, (value, meaning) in enumerate(thresholds):
+        ax.axvline(value, color=COLOURS[1 + k % 6], ls="--", lw=1.4, label=meaning)
     if thresholds:
         legend(ax)
     return ax

@@ -17,7 +17,7 @@ from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Trajectory
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.units import label
+from hbbogie.units import label, per_second
 
 START = 4.0  # in units of the amplitude scale
 LONGEST = 200.0  # s that a motion is followed beyond its end to see where it settles
@@ -88,7 +88,7 @@ def settled_table(system: System, settled: Settled) -> Table:
 def history_table(motion: Trajectory) -> Table:
     """Return the time history: time, coordinates and velocities."""
     pairs = list(zip(motion.coordinates, motion.units, strict=True))
-    rates = [label(f"{c}'", "1/s" if u in ("", "1") else f"{u}/s") for c, u in pairs]
+    rates = [label(f"{c}'", per_second(u)) for c, u in pairs]
     columns = ("t [s]", *(label(c, u) for c, u in pairs), *rates)
     rows = np.column_stack([motion.t, motion.q, motion.v]).tolist()
     return Table("time_history", "Time history", columns, tuple(map(tuple, rows)), (".7g",) * len(columns))

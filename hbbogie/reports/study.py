@@ -231,14 +231,16 @@ def _sentence(e: Exceedance) -> str:
 
 
 def _most_correlated(data: xr.Dataset, output: str) -> list[str]:
-    """Return the inputs that go with an output most closely, by rank correlation."""
+    """Return the inputs that go with an output most closely, by Spearman's rank correlation."""
+    from scipy.stats import spearmanr
+
     w = values_of(data, output)
     known = np.isfinite(w)
-    ranks = np.argsort(np.argsort(w[known]))
     size = {}
     for name in names_of(data, "inputs"):
-        own = np.argsort(np.argsort(data[name].values[known]))
-        size[name] = abs(float(np.corrcoef(ranks, own)[0, 1])) if known.sum() > 2 else 0.0
+        u = data[name].values[known]
+        vary = known.sum() > 2 and np.ptp(u) > 0 and np.ptp(w[known]) > 0
+        size[name] = abs(float(spearmanr(u, w[known]).statistic)) if vary else 0.0
     return sorted(size, key=lambda n: -size[n])[:MOST]
 
 

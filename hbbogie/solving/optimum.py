@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -11,86 +11,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.expressions import CycleFunction, CycleLimit
+from hbbogie.solving.program import nonlinear_program
 
 Array = NDArray[np.float64]
 FARTHEST = 100.0  # distance a free parameter may go, in units of its first value
 REACH, SMALLEST, BOXES = 0.2, 1e-4, 60  # how far one solution may go, in units of the scales, and how often
 ACTIVE = 1e-6  # multiplier, scaled, from which a limit counts as active
-SAMPLES = 64  # per period
-SOLVER: dict[str, Any] = {
-    "print_time": False, "calc_lam_p": False,
-    "ipopt": {
-        "print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-10, "constr_viol_tol": 1e-10,
-        "mu_init": 1e-3, "bound_push": 1e-8, "bound_frac": 1e-8,
-        "nlp_scaling_method": "none",  # the problem is scaled already
-    },
-}  # fmt: skip
-
-
-class Cycle:
-    """A cycle as expressions of the unknowns, in which objectives and constraints are written.
-
-    Parameters
-    ----------
-    equations : Equations
-    z, p : casadi.MX
-        Unknowns and all parameters.
-
-    Attributes
-    ----------
-    coefficients : casadi.MX, shape (2 H + 1, n), unit of the coordinate
-    omega : casadi.MX, rad/s
-    """
-
-    def __init__(self, equations: Equations, z: ca.MX, p: ca.MX):
-        self._system, self._p = equations.system, p
-        self.coefficients, self.omega = equations.coefficients(z, p), equations.frequency(z)
-        self.H = (self.coefficients.shape[0] - 1) // 2
-
-    def parameter(self, name: str) -> ca.MX:
-        """Return a parameter [its unit]."""
-        self._system.parameter(name)
-        return self._p[self._system.parameter_names.index(name)]
-
-    def harmonic(self, coordinate: str, h: int) -> ca.MX:
-        """Return the amplitude of a harmonic, 1 to H, of a coordinate [its unit]."""
-        if not 1 <= h <= self.H:
-            raise ModelError(f"harmonic {h} of {coordinate!r}: the equations keep harmonics up to {self.H}.")
-        return ca.norm_2(self.coefficients[2 * h - 1 : 2 * h + 1, self._system.index(coordinate)])
-
-    def first_harmonic(self, coordinate: str) -> ca.MX:
-        """Return the amplitude of the first harmonic of a coordinate [its unit]."""
-        return self.harmonic(coordinate, 1)
-
-    def root_mean_square(self, coordinate: str) -> ca.MX:
-        """Return the root of the mean square of a coordinate over the period [its unit]."""
-        c = self.coefficients[:, self._system.index(coordinate)]
-        return ca.sqrt(c[0] ** 2 + 0.5 * ca.sumsqr(c[1:]))
-
-    def values(self, coordinate: str, samples: int = SAMPLES) -> ca.MX:
-        """Return a coordinate at equal distances over the period, shape (samples,) [its unit]."""
-        E = fourier.synthesis(self.H, fourier.phases(samples))
-        return ca.mtimes(E, self.coefficients[:, self._system.index(coordinate)])
-
-    def force(self, element: str, samples: int = SAMPLES) -> ca.MX:
-        """Return the force of an element at equal distances over the period, shape (samples,) [its unit]."""
-        names = [e.name for e in self._system.elements]
-        if element not in names:
-            raise ModelError(f"system {self._system.name!r}: {unknown_name('element', element, names)}")
-        law, tau = self._system.elements[names.index(element)], fourier.phases(samples)
-        q = ca.mtimes(fourier.synthesis(self.H, tau), self.coefficients).T
-        v = self.omega * ca.mtimes(fourier.synthesis(self.H, tau, 1), self.coefficients).T
-        u = law.argument.map(samples)(q, v, ca.repmat(self._p, 1, samples))
-        return law.force.map(samples)(u, ca.repmat(self._p, 1, samples)).T
-
-
-Quantity = Callable[[Cycle], ca.MX]
-Limit = tuple[Quantity, float | None, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,21 +55,12 @@ class Optimum:
     status: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Program:
-    """What is built once: objective and limits with derivatives, and the solver."""
-
-    quantities: ca.Function  # (z, p) -> objective, its derivative in (z, p); limits, theirs
-    solver: ca.Function
-    sizes: tuple[int, ...]
-
-
 def minimise(
     equations: Equations,
     guess: Orbit,
     free: Sequence[str],
-    objective: Quantity,
-    subject_to: Sequence[Limit] = (),
+    objective: CycleFunction,
+    subject_to: Sequence[CycleLimit] = (),
     *,
     reach: float = REACH,
     tolerance: float = 1e-9,
@@ -183,7 +105,7 @@ def minimise(
     for i in places:
         p[i] = guess.parameters.get(system.parameter_names[i], p[i])
     functions = (objective, *(quantity for quantity, _, _ in subject_to))
-    program = equations.once(("optimum", places, functions), lambda: _build(equations, places, functions))
+    program = equations.once(("optimum", places, functions), lambda: nonlinear_program(equations, places, functions))
     m, y = equations.size, np.append(equations.encode(guess), p[list(places)])
     _, df, _, dg = (np.atleast_2d(a.full()) for a in program.quantities(y[:m], p))
     columns = [*range(m), *(m + i for i in places)]
@@ -240,15 +162,6 @@ def _check(free: Sequence[str], objective: Any, subject_to: Any, fixed: Mapping[
             )
 
 
-def _expression(function: Quantity, cycle: Cycle) -> ca.MX:
-    """Return what an objective or limit says of a cycle; raise `ModelError` when it is no expression."""
-    value: Any = function(cycle)
-    try:
-        return ca.MX(value)
-    except NotImplementedError:
-        raise ModelError(f"minimise: a function returned {value!r}; return an expression of the cycle.") from None
-
-
 def _search(
     solver: ca.Function, x: Array, theta: Array, bounds: tuple[Array, Array], limits: tuple[Array, Array], reach: float
 ) -> tuple[Array, dict[str, ca.DM] | None, int, str]:
@@ -291,7 +204,7 @@ def _row_scales(slopes: Array, sizes: Sequence[int]) -> Array:
     return np.repeat([value if value > 0 else 1.0 for value in largest], sizes)
 
 
-def _limits(subject_to: Sequence[Limit], sizes: Sequence[int]) -> tuple[Array, Array]:
+def _limits(subject_to: Sequence[CycleLimit], sizes: Sequence[int]) -> tuple[Array, Array]:
     """Return lower and upper limits of all entries; raise `ModelError` when they contradict each other."""
     low, high = [], []
     for i, ((_, lower, upper), size) in enumerate(zip(subject_to, sizes, strict=True)):
@@ -301,51 +214,3 @@ def _limits(subject_to: Sequence[Limit], sizes: Sequence[int]) -> tuple[Array, A
         low += [a] * size
         high += [b] * size
     return np.array(low), np.array(high)
-
-
-def _build(equations: Equations, free: tuple[int, ...], functions: Sequence[Quantity]) -> _Program:
-    """Return the program's functions, built once for the same free parameters and callables."""
-    m, n_p, n_y = equations.size, equations.residual.size1_in(1), equations.size + len(free)
-    z, p = ca.MX.sym("z", m), ca.MX.sym("p", n_p)
-    cycle = Cycle(equations, z, p)
-    f, *limits = (_expression(function, cycle) for function in functions)
-    if not f.is_scalar():
-        raise ModelError(f"minimise: the objective has shape {f.shape}; it must be one number.")
-    g = ca.vertcat(*(ca.vec(limit) for limit in limits)) if limits else ca.MX(0, 1)
-    zp = ca.vertcat(z, p)
-    quantities = ca.Function("quantities", [z, p], [f, ca.jacobian(f, zp), g, ca.jacobian(g, zp)])
-    x, sizes = ca.MX.sym("x", n_y), tuple(limit.numel() for limit in limits)
-    parts = [("p", n_p), ("scale", n_y), ("rows", m), ("f_scale", 1), ("g_rows", sum(sizes))]
-    theta = [ca.MX.sym(name, k) for name, k in parts]
-    values, scale, rows, f_scale, g_rows = theta
-    y = x * scale
-    q = ca.MX(values)
-    for k, i in enumerate(free):
-        q[i] = y[m + k]
-    columns = [*range(m), *(m + i for i in free)]
-    value = ca.Function("value", [z, p], [f, g])
-    lam = ca.MX.sym("lam", 1 + sum(sizes))
-    lagrangian = lam[0] * f + (ca.dot(lam[1:], g) if limits else 0)
-    second = ca.hessian(lagrangian, zp)[0][columns, columns]
-    bent = ca.Function("bent", [z, p, lam], [second])
-    f_y, g_y = value(y[:m], q)
-    _, df, _, dg = quantities(y[:m], q)
-    F, J = equations.derivatives(free)(y[:m], q)
-    J = ca.vertcat(J / ca.repmat(rows, 1, n_y), dg[:, columns] / ca.repmat(g_rows, 1, n_y)) * ca.repmat(
-        scale.T, m + sum(sizes), 1
-    )
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", m + sum(sizes))
-    H = equations.hessian(free)(y[:m], q, lam_g[:m] / rows)
-    H = H + bent(y[:m], q, ca.vertcat(lam_f * f_scale, lam_g[m:] / g_rows))
-    H = ca.triu(ca.densify(H) * ca.mtimes(scale, scale.T))
-    everything = ca.vertcat(*theta)
-    # a gradient with structural zeros would be taken for one of its few entries only
-    together, gradient = ca.vertcat(F / rows, g_y / g_rows), ca.densify(f_scale * df[columns] * scale.T)
-    hessian = ca.Function("hess_lag", [x, everything, lam_f, lam_g], [H], ["x", "p", "lam_f", "lam_g"], ["hess_lag"])
-    options = SOLVER | {
-        "grad_f": ca.Function("grad_f", [x, everything], [f_scale * f_y, gradient.T], ["x", "p"], ["f", "grad_f_x"]),
-        "jac_g": ca.Function("jac_g", [x, everything], [together, J], ["x", "p"], ["g", "jac_g_x"]),
-        "hess_lag": hessian,
-    }
-    program = {"x": x, "p": everything, "f": f_scale * f_y, "g": together}
-    return _Program(quantities, ca.nlpsol("optimum", "ipopt", program, options), sizes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import methodcaller
 from typing import Any, overload
 
 import casadi as ca
@@ -14,64 +15,31 @@ from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving import optimum
-from hbbogie.solving.newton import Conditions, Problem, first_harmonic, newton
-from hbbogie.solving.optimum import Limit, Optimum, Quantity
+from hbbogie.solving.expressions import CycleFunction, CycleLimit
+from hbbogie.solving.newton import Conditions, Problem, newton
+from hbbogie.solving.optimum import Optimum
+from hbbogie.solving.program import nonlinear_program
 
 Array = NDArray[np.float64]
 
 
-def _ipopt(problem: Problem) -> ca.Function:
-    """Return the NLP solver for the problem's conditions, built once: scaled unknowns, exact derivatives."""
-    equations, conditions = problem.equations, problem.conditions
-
-    def build() -> ca.Function:
-        m, n_p, n_y = equations.size, len(problem.p), len(problem.scale)
-        x = ca.MX.sym("x", n_y)
-        # parameters of the NLP: p, the scales of unknowns and rows, the prescribed amplitude
-        parts = [ca.MX.sym(n, k) for n, k in (("p", n_p), ("scale", n_y), ("rows", len(problem.rows)), ("target", 1))]
-        p, scale, rows, target = parts
-        theta = ca.vertcat(*parts)
-        y, p_free = x * scale, ca.MX(p)
-        for k, i in enumerate(conditions.free):
-            p_free[i] = y[m + k]
-        F, J = equations.derivatives(conditions.free)(y[:m], p_free)
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(problem.rows))
-        weights = lam_g / rows
-        H = equations.hessian(conditions.free)(y[:m], p_free, weights[:m])
-        if conditions.amplitude is not None:
-            g, dg = first_harmonic(equations, conditions)(y[:m], p_free)
-            F, J = ca.vertcat(F, g - target), ca.vertcat(J, dg)
-        J = J * ca.repmat(scale.T, J.shape[0], 1) / ca.repmat(rows, 1, n_y)
-        H = ca.triu(H * ca.mtimes(scale, scale.T))
-        options: dict[str, Any] = {
-            "print_time": False,
-            "jac_g": ca.Function("jac_g", [x, theta], [F / rows, J], ["x", "p"], ["g", "jac_g_x"]),
-            "hess_lag": ca.Function("hess_lag", [x, theta, lam_f, lam_g], [H], ["x", "p", "lam_f", "lam_g"], ["h"]),
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "max_iter": 300,
-                "tol": 1e-10,
-                "constr_viol_tol": 1e-10,
-                "mu_init": 1e-4,  # starts are guesses worth keeping: little push towards the middle
-                "bound_push": 1e-8,
-                "bound_frac": 1e-8,
-                "nlp_scaling_method": "none",  # the problem is scaled already
-            },
-        }
-        return ca.nlpsol("cycle", "ipopt", {"x": x, "p": theta, "f": ca.MX(0), "g": F / rows}, options)
-
-    return equations.once(("ipopt", conditions), build)
-
-
 def _by_ipopt(problem: Problem, y: Array) -> tuple[Array, dict[str, Any]]:
-    solver = _ipopt(problem)
-    theta = np.concatenate([problem.p, problem.scale, problem.row_scale, [problem.target]])
+    """Return what IPOPT makes of the equations with their conditions as limits, and nothing to minimise."""
+    equations, conditions = problem.equations, problem.conditions
+    limited: list[CycleFunction] = []
+    if conditions.amplitude is not None:
+        limited.append(methodcaller("first_harmonic", equations.system.coordinate_names[conditions.amplitude]))
+    solver = equations.once(
+        ("cycle by IPOPT", conditions),
+        lambda: nonlinear_program(equations, conditions.free, [lambda cycle: ca.MX(0), *limited]).solver,
+    )
+    scales = [problem.scale, equations.residual_scale, [1.0], [problem.target] * len(limited)]
+    goal = np.append(np.zeros(equations.size), np.ones(len(limited)))
     result = solver(
         x0=y / problem.scale,
-        p=theta,
-        lbg=0,
-        ubg=0,
+        p=np.concatenate([problem.p, *scales]),
+        lbg=goal,
+        ubg=goal,
         lbx=problem.lower / problem.scale,
         ubx=problem.upper / problem.scale,
     )
@@ -90,7 +58,7 @@ def solve(
     free: str | None = ...,
     amplitude: Mapping[str, float] | None = ...,
     minimise: None = ...,
-    subject_to: Sequence[Limit] = ...,
+    subject_to: Sequence[CycleLimit] = ...,
     method: str = ...,
     tolerance: float = ...,
     **fixed: float,
@@ -104,8 +72,8 @@ def solve(
     *,
     free: str | Sequence[str] | None = ...,
     amplitude: Mapping[str, float] | None = ...,
-    minimise: Quantity,
-    subject_to: Sequence[Limit] = ...,
+    minimise: CycleFunction,
+    subject_to: Sequence[CycleLimit] = ...,
     method: str = ...,
     tolerance: float = ...,
     **fixed: float,
@@ -118,8 +86,8 @@ def solve(
     *,
     free: str | Sequence[str] | None = None,
     amplitude: Mapping[str, float] | None = None,
-    minimise: Quantity | None = None,
-    subject_to: Sequence[Limit] = (),
+    minimise: CycleFunction | None = None,
+    subject_to: Sequence[CycleLimit] = (),
     method: str = "auto",
     tolerance: float = 1e-10,
     **fixed: float,
@@ -137,8 +105,8 @@ def solve(
     amplitude : mapping of one coordinate name to float, optional
         First-harmonic amplitude of that coordinate, in its unit.
     minimise : callable, optional
-        `optimum.Cycle` -> scalar expression, such as ``lambda cycle: cycle.parameter("V")`` for a fold: the cycle near
-        the guess at which it is smallest is found, see `optimum.minimise`.
+        `Cycle` -> scalar expression, such as ``lambda cycle: cycle.parameter("V")`` for a fold: the cycle near
+        the guess at which it is smallest is found, see `hbbogie.solving.minimise`.
     subject_to : sequence of (callable, lower, upper)
         Limits of further expressions of the cycle; None for no limit.
     method : {"auto", "newton", "ipopt"}
@@ -151,7 +119,7 @@ def solve(
 
     Returns
     -------
-    Orbit, or with ``minimise`` an `optimum.Optimum`
+    Orbit, or with ``minimise`` an `hbbogie.solving.Optimum`
 
     Raises
     ------

@@ -1,9 +1,8 @@
-from .critical_job import critical as critical
+from .critical_job import smallest_critical as smallest_critical
 from .dataset import dataset_of as dataset_of
 from .dataset import export as export
 from .distributions import Scaled as Scaled
 from .distributions import named_distribution as named_distribution
-from .distributions import unit_factor as unit_factor
 from .fingerprints import options_text as options_text
 from .jobs import JOBS as JOBS
 from .sampling import Points as Points

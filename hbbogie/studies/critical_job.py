@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hbbogie.critical.folds import Critical
 from hbbogie.critical.hopf_gradients import hopf_gradient
-from hbbogie.critical.lowest import _all, _lowest, _warm
+from hbbogie.critical.lowest import all_folds, lowest_fold, warm_fold
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -17,12 +14,10 @@ from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 
 Outputs = dict[str, Any]
-Array = NDArray[np.float64]
-FAILURES = (RuntimeError, np.linalg.LinAlgError)  # ConvergenceError and CasADi's are among the first
 SEARCHES = ("lowest", "all", "warm")
 
 
-def critical(
+def smallest_critical(
     system: System,
     parameter: str = "V",
     interval: tuple[float, float] | None = None,
@@ -72,11 +67,11 @@ def critical(
     equations = HarmonicBalance(harmonics).equations(system)
     hopf = hopf_gradient(system, points[0])
     if search == "all":
-        followed = [_all(equations, point, span) for point in points]
+        followed = [all_folds(equations, point, span) for point in points]
     elif search == "warm" and len(points) == 1:
-        followed = [_warm(equations, points[0], span)]
+        followed = [warm_fold(equations, points[0], span)]
     else:
-        followed = [_lowest(equations, point, span, hopf.value) for point in points]
+        followed = [lowest_fold(equations, point, span, hopf.value) for point in points]
     folds = [c for f in followed for c in f.folds]
     if search != "all":
         folds, where = [c for c in folds if c.value < hopf.value], f"from {span[0]:g} to the Hopf point"

@@ -64,7 +64,7 @@ def dataset_of(store: Store) -> xr.Dataset:
         "outputs": json.dumps(names),
         "sampling": about["sampling"],
         "seed": "" if about["seed"] is None else about["seed"],
-        "total": store.progress().total,
+        "total": store.counts().total,
         "problem": about["problem"],
         "problem_hash": about["fingerprints"]["problem"],
         "job": about["job"],

@@ -1,4 +1,4 @@
-"""What a parameter may be: distributions by name, and units with prefixes."""
+"""What a parameter may be: distributions by name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from hbbogie.errors import ModelError, unknown_name
 
 Array = NDArray[np.float64]
-PREFIXES = {"": 1.0, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
 DISTRIBUTIONS = ("uniform", "normal", "truncated_normal", "lognormal", "triangular")
 
 
@@ -106,27 +105,3 @@ def named_distribution(kind: str, values: Mapping[str, float]) -> Any:
             f"distribution {kind!r} with {dict(values)} has no finite quantiles; check their order and sign."
         )
     return frozen
-
-
-def unit_factor(given: str, own: str, name: str) -> float:
-    """Return by what to multiply a value in a unit, such as "kN/m", to have it in the parameter's own, "N/m".
-
-    Raises
-    ------
-    ModelError
-        When the one is not the other with a prefix.
-    """
-
-    def bare(unit: str) -> tuple[float, str]:
-        for prefix, factor in PREFIXES.items():
-            if prefix and unit.startswith(prefix) and unit[len(prefix) :] == own_bare:
-                return factor, own_bare
-        return 1.0, unit
-
-    own_factor, own_bare = (1e3, own[1:]) if own.startswith("kg") else (1.0, own)
-    factor, rest = bare(given)
-    if rest != own_bare:
-        raise ModelError(
-            f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with a prefix or without."
-        )
-    return factor / own_factor

@@ -24,9 +24,9 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.problem import load_problem
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
-from hbbogie.studies.critical_job import Outputs, critical
+from hbbogie.studies.critical_job import Outputs, smallest_critical
 
-__all__ = ["JOBS", "Outputs", "branch", "compare", "critical", "cycles", "job_function", "output_units"]
+__all__ = ["JOBS", "Outputs", "branch", "compare", "cycles", "job_function", "output_units", "smallest_critical"]
 
 
 def cycles(
@@ -140,7 +140,12 @@ def compare(
     return outputs | {"status": f"{len(found.rows)} cycles compared with {truth}"}
 
 
-JOBS: dict[Any, Callable[..., Outputs]] = {"critical": critical, "cycles": cycles, "branch": branch, "compare": compare}
+JOBS: dict[Any, Callable[..., Outputs]] = {
+    "critical": smallest_critical,
+    "cycles": cycles,
+    "branch": branch,
+    "compare": compare,
+}
 
 
 def job_function(job: str | Callable[..., Outputs]) -> Callable[..., Outputs]:

@@ -143,7 +143,7 @@ class _Meter:
     """Counts points and reports their rate and the time left."""
 
     def __init__(self, keep: Store, report: Progress):
-        state = keep.progress()
+        state = keep.counts()
         self.total, self.done, self.failed, self.report = state.total, state.done, state.failed, report
         self.first, self.start, self.last = state.done, time.monotonic(), 0.0
         report(f"{self.done} of {self.total} points", self.done / self.total)

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
-from hbbogie.studies.distributions import distribution, unit_factor
+from hbbogie.studies.distributions import distribution
 from hbbogie.studies.optional import required
+from hbbogie.units import unit_factor
 
 Array = NDArray[np.float64]
 INSIDE = 1e-12  # distance of a quantile from 0 and 1, where many distributions are infinite

@@ -40,8 +40,8 @@ SQL_PUT = """UPDATE points SET outputs = ?, status = ?, failed = ?, seconds = ?,
 
 
 @dataclass(frozen=True)
-class Progress:
-    """How far a study is.
+class Counts:
+    """How many points of a study there are, and how many are finished.
 
     Attributes
     ----------
@@ -209,11 +209,11 @@ class Store:
             c.executemany(f"INSERT INTO points (point, {columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
         self.describe(_described(points))
 
-    def progress(self) -> Progress:
-        """Return how far the study is."""
+    def counts(self) -> Counts:
+        """Return how many points there are, and how many are finished."""
         query = "SELECT count(*), count(outputs), total(failed), total(seconds) FROM points WHERE point >= 0"
         total, done, failed, seconds = self._connection.execute(query).fetchone()
-        return Progress(total, done, int(failed), float(seconds))
+        return Counts(total, done, int(failed), float(seconds))
 
     def outcomes(self) -> list[tuple[Outcome, dict[str, float], str]]:
         """Return the outcome, the parameter values and the time of finishing of every point that is finished."""

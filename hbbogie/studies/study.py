@@ -122,7 +122,8 @@ class _Reader(PointsReader):
         self.known(content, "", KEYS)
         problem = self.take(content, "", "problem", str, None)
         if problem not in shipped_problems():
-            problem = str(self.beside(problem)) if problem.endswith(".py") else problem
+            beside = self.beside(problem)
+            problem = str(beside) if problem.endswith(".py") or beside.is_dir() else problem
         job = self.take(content, "", "job", str, None)
         if job not in JOBS and ":" in job:
             file, _, name = job.rpartition(":")

@@ -13,8 +13,9 @@ import numpy as np
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.model.system import System
 from hbbogie.studies import sampling
-from hbbogie.studies.distributions import Scaled, named_distribution, unit_factor
+from hbbogie.studies.distributions import Scaled, named_distribution
 from hbbogie.studies.sampling import Points
+from hbbogie.units import unit_factor
 
 # sample -> keys besides it
 SAMPLES: dict[str, tuple[str, ...]] = {

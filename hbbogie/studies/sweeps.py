@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from hbbogie.errors import ModelError, positive
-from hbbogie.model.problem import default_interval, load_problem
+from hbbogie.model.problem import default_interval, load_problem, shipped_problems
 from hbbogie.model.system import System
 from hbbogie.parallel.processes import interruptions
 from hbbogie.progress import Progress, silent
@@ -151,7 +151,7 @@ def task_of(
     module = ModuleType("none")
     if isinstance(problem, str):
         module = load_problem(problem)
-        problem = str(module.__file__) if problem.endswith(".py") else problem
+        problem = problem if problem in shipped_problems() else str(module.__file__)
     task = Task(problem, job, dict(values or {}), dict(options or {}))
     if not isinstance(job, str) or job not in JOBS:
         return task
@@ -173,7 +173,7 @@ def _opened(task: Task, points: Points, path: str | Path | None, resume: bool, a
         return Store.create(path, points, about)
     if not resume:
         p = Store.read(path)
-        state = p.progress()
+        state = p.counts()
         p.close()
         raise ModelError(
             f"{str(path)!r} exists, with {state.done} of {state.total} points finished; go on with resume=True "

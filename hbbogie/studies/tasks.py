@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from hbbogie.errors import ModelError
-from hbbogie.model.problem import load_problem, system_of
+from hbbogie.model.problem import load_problem, problem_file, system_of
 from hbbogie.model.system import System
 from hbbogie.parallel.processes import TimeLimit, limited, told_to_stop
 from hbbogie.studies.fingerprints import code_of, digest, options_text, problem_hash, source_of, versions
@@ -82,7 +82,7 @@ class Task:
         try:
             if own and nowhere and pack is pickle.dumps:
                 raise pickle.PicklingError("it is in no file, and cloudpickle is not installed")
-            return pack(replace(self, sources=self.loaded()))
+            return pickle.dumps((problem_file(self.job), pack(replace(self, sources=self.loaded()))))
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             raise ModelError(
                 f"job {self.job_name!r} or its options cannot be sent to another process ({error}); define the "
@@ -137,7 +137,7 @@ class Task:
 def _importable(function: Callable[..., Any]) -> bool:
     """Tell whether a function stands at the top of a module that can be imported, and so loaded again."""
     spec = getattr(sys.modules.get(function.__module__), "__spec__", None)
-    return spec is not None and "<" not in function.__qualname__
+    return spec is not None and "<" not in function.__qualname__ and problem_file(function) is None
 
 
 @dataclass(frozen=True)
@@ -179,8 +179,17 @@ def _encodable(text: str) -> str:
 @functools.lru_cache(maxsize=2)
 def _ready(payload: bytes | Task) -> tuple[System, Callable[..., Outputs], dict[str, Any], float | None]:
     """Return the system, the job, its options and the limit of time: built once in a worker, with all functions."""
-    task: Task = payload if isinstance(payload, Task) else pickle.loads(payload).current()
+    task = payload if isinstance(payload, Task) else _unpacked(payload)
     return task.system(), task.function, dict(task.options), task.limit
+
+
+def _unpacked(payload: bytes) -> Task:
+    """Return a task from another process."""
+    file, packed = pickle.loads(payload)
+    if file is not None:
+        load_problem(file)  # the module of the job: no import finds it
+    task: Task = pickle.loads(packed)
+    return task.current()
 
 
 def run_point(payload: bytes | Task, point: int, values: Mapping[str, float], study: str = "") -> Outcome:

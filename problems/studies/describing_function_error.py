@@ -13,7 +13,7 @@ import numpy as np
 from hbbogie import ConvergenceError, HarmonicBalance, Orbit, System, hopf_points, trace
 from hbbogie.branches import crossings
 from hbbogie.results import SpecialPoint
-from hbbogie.studies import critical
+from hbbogie.studies import smallest_critical
 
 MANY = 15  # highest harmonic of what is taken as the truth
 ABOVE = 1.1  # speed of the comparison, in units of that of the Hopf point
@@ -35,7 +35,7 @@ def errors(system: System, interval: tuple[float, float], parameter: str = "V") 
         ``hopf``; ``fold`` by fifteen harmonics and ``fold_one`` by one, and ``fold_error`` [%]; ``depth`` [%], how
         far the fold lies below the Hopf point; ``omega_error`` and ``peak_<coordinate>_error`` [%] of the large cycle.
     """
-    one, many = (critical(system, parameter, interval, H, gradients=False) for H in (1, MANY))
+    one, many = (smallest_critical(system, parameter, interval, H, gradients=False) for H in (1, MANY))
     if "hopf" not in many:
         return {"status": many["status"]}
     hopf = hopf_points(system, parameter, interval)[0]

@@ -115,6 +115,8 @@ def test_lengths_are_shown_in_millimetres_and_labels_carry_units():
         ("rad", 0.02, (1e3, "mrad")),
         ("m/s", 0.3, (1e3, "mm/s")),
         ("N", 0.001, (1.0, "N")),
+        ("N m/rad", 2e4, (1e-3, "kN m/rad")),
+        ("N2", 2e4, (1.0, "N2")),  # k(N2) is not (kN)2
         ("m", 0.0, (1.0, "m")),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.branches import crossings
-from hbbogie.critical import hopf_gradient
+from hbbogie.critical import critical_hessian, hopf_gradient
 
 MASSES = ("Mw", "Mf", "Iwy", "Ify", "Ifr")
 DAMPINGS = ("D1", "D2")
@@ -72,6 +72,17 @@ def test_bautin_in_closed_form():
     assert fold.value == pytest.approx(-(1.3**2) / 4, rel=1e-10)
     assert fold.gradient["a"] == pytest.approx(-0.65, rel=1e-9)
     assert hopf.value == 0.0 and hopf.gradient["a"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_hopf_point_whose_equilibrium_only_its_own_parameter_moves():
+    """x'' + (a - b x) x' + x = b: the equilibrium is x = b, the damping there a - b^2, the Hopf point b = sqrt(a)."""
+    x, a, b = hb.Coordinate("x", "m"), hb.Parameter("a", 2.25), hb.Parameter("b", 1.0)
+    system = hb.System("moved", [x], [a, b], [x.ddot + (a - b * x) * x.dot + x - b])
+    (hopf,) = hb.hopf_points(system, "b", (1.0, 2.0))
+    critical = hopf_gradient(system, hopf)
+    assert critical.gradient["a"] == pytest.approx(1 / (2 * 1.5), rel=1e-7)
+    second = critical_hessian(hb.HarmonicBalance(1).equations(system), critical, ["a"])
+    assert second == pytest.approx(-1 / (4 * 1.5**3), rel=1e-6)
 
 
 def test_hopf_gradient_where_the_equilibrium_moves():

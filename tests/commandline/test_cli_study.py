@@ -272,7 +272,7 @@ def test_shipped_uncertainty_in_small():
 
 
 def test_the_study_file_of_the_documentation(tmp_path):
-    text = (Path(__file__).parent.parent / "docs" / "studies.md").read_text("utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "studies.md").read_text("utf-8")
     (tmp_path / "shown.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.DOTALL)[1])
     shown = load_study(tmp_path / "shown.toml")
     assert len(shown.points) == 200 and "V" not in shown.points.names and shown.values == {"K1": 3.2e6}

@@ -1,7 +1,4 @@
-"""Yang (1995) in full: every method on every state, the figures of the paper, the creep coefficients.
-
-Belongs to the problem yang1995, which hands on to the functions here.
-"""
+"""Yang (1995) in full: every method on every state, and figures 2 to 6 of the paper."""
 
 from __future__ import annotations
 
@@ -9,14 +6,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie import ConvergenceError, Orbit, System, load_problem, simulate, solve, verify
-from hbbogie.branches import compare
-from hbbogie.branches.comparison import Followed
+from hbbogie import ConvergenceError, Orbit, System, simulate, solve, verify
+from hbbogie.branches import Followed, compare
 from hbbogie.methods import Compatible, HeuristicStability, compatible, describing_function, heuristic_stability
 from hbbogie.model import DeadBand
 from hbbogie.motion import settle
@@ -24,16 +19,14 @@ from hbbogie.progress import Progress
 from hbbogie.reports import Report, Table, table_of_methods, verdicts
 from hbbogie.results import Trajectory
 
+from .bogie import RANGE, TABLE_1
+from .table_1 import PUSHED, SPEED
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FRONT, REAR = "front flange", "rear flange"
-SPEED = "speed V [m/s]"
 HELD_AT_A1 = ("paper, search", "paper, NLP", "df1", "df2")
-
-
-def _yang() -> ModuleType:
-    return load_problem("yang1995")
 
 
 # --- describing function or multi-harmonic balance, state by state ----------------------------
@@ -86,15 +79,14 @@ class StateByAll:
 
 def comparison(system: System, methods: Sequence[str], progress: Progress) -> Report:
     """Compare describing functions, the paper's method, multi-harmonic balance and integration."""
-    yang = _yang()
-    stable = [s.V for s in yang.TABLE_1 if s.a1_ni is not None]
+    stable = [s.V for s in TABLE_1 if s.a1_ni is not None]
     names = list(dict.fromkeys([*methods, "df1", "df2", "mhb15"]))
     found = compare(
-        system, names, stable, parameter="V", interval=yang.RANGE, progress=lambda m, f: progress(m, (f or 0) / 2)
+        system, names, stable, parameter="V", interval=RANGE, progress=lambda m, f: progress(m, (f or 0) / 2)
     )
     states = []
-    for i, state in enumerate(yang.TABLE_1[1:]):
-        progress(f"state {state.state} of Table 1", 0.5 + 0.5 * i / len(yang.TABLE_1))
+    for i, state in enumerate(TABLE_1[1:]):
+        progress(f"state {state.state} of Table 1", 0.5 + 0.5 * i / len(TABLE_1))
         states.append(_state(system, state, found.methods))
     tables = (
         _table(states, "speeds", "Speed at the printed amplitude a1", "V", "[m/s]", lambda a: a.V, ".3f", 1.0),
@@ -118,7 +110,7 @@ def _state(system: System, state: Any, followed: dict[str, Followed]) -> StateBy
     cycle = None
     for name, method in (("paper, search", "search"), ("paper, NLP", "ipopt")):
         try:
-            cycle = compatible(system, {FRONT: state.a1_el}, "V", _yang().RANGE, method=method)
+            cycle = compatible(system, {FRONT: state.a1_el}, "V", RANGE, method=method)
         except ConvergenceError:
             continue
         answers[name] = _of_paper(cycle)
@@ -137,7 +129,7 @@ def _state(system: System, state: Any, followed: dict[str, Followed]) -> StateBy
     if state.a1_ni is not None:
         answers["printed NI"] = Answer(state.V, state.omega_ni, state.a1_ni, state.a2_ni, True)
         start = time.perf_counter()
-        settled = settle(system, _yang().PUSHED, V=state.V)
+        settled = settle(system, PUSHED, V=state.V)
         if settled.kind == "cycle":
             a = settled.amplitudes
             elapsed = 1e3 * (time.perf_counter() - start)
@@ -350,14 +342,13 @@ def _comparison_page(followed: dict[str, Followed], states: list[StateByAll]) ->
 
 def paper(system: System, progress: Progress) -> Report:
     """Draw figures 2 to 6 of the paper from our results."""
-    yang = _yang()
     progress("figure 2", 0.0)
     data: dict[str, Any] = {}
     cycles = {}
     for i, number in enumerate((2, 4)):
-        state = yang.TABLE_1[number - 1]
+        state = TABLE_1[number - 1]
         progress(f"figures 3 and 4: state {number}", 0.2 + 0.2 * i)
-        cycle = compatible(system, {FRONT: state.a1_el}, "V", yang.RANGE)
+        cycle = compatible(system, {FRONT: state.a1_el}, "V", RANGE)
         cycles[number] = {
             kind: heuristic_stability(system, cycle, others=kind, points=31) for kind in ("follow", "held")
         }
@@ -385,7 +376,7 @@ def paper(system: System, progress: Progress) -> Report:
                 }
                 for c in judged.components
             }
-    state = yang.TABLE_1[3]
+    state = TABLE_1[3]
     printed = f"{1e3 * state.a1_ni:.1f} and {1e3 * state.a2_ni:.1f} mm"
     peaks = [1e3 * ends[6].amplitudes[q] for q in ("q1", "q3")]
     notes = (
@@ -438,7 +429,7 @@ def _history(motion: Trajectory, number: int) -> Figure:
     from hbbogie import plot
 
     figure, axes = plot.panels(2, 1, (8.0, 6.0))
-    state = _yang().TABLE_1[3]
+    state = TABLE_1[3]
     for ax, q, printed in ((axes[0, 0], "q1", state.a1_ni), (axes[1, 0], "q3", state.a2_ni)):
         plot.time_history(motion, [q], ax=ax)
         if number == 6:

@@ -1,22 +1,20 @@
-"""The creep coefficients of Yang's bogie, which the paper does not print, from the cycles that it does.
-
-Belongs to the problem yang1995, which hands on to the function here.
-"""
+"""The creep coefficients of Yang's bogie, which the paper does not print, from the cycles that it does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie import HarmonicBalance, ModelError, System, load_problem
+from hbbogie import HarmonicBalance, ModelError, System
 from hbbogie.design import Identification, Parametrisation, identify
 from hbbogie.errors import unknown_name
 from hbbogie.progress import Progress
 from hbbogie.reports import Report, Table
+
+from .bogie import TABLE_1
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,10 +37,6 @@ def kalker(Gab: Any) -> dict[str, Any]:
         "f23": KALKER["C23"] * SHEAR_MODULUS * area**1.5,
         "f33": KALKER["C33"] * SHEAR_MODULUS * area**2,
     }
-
-
-def _yang() -> ModuleType:
-    return load_problem("yang1995")
 
 
 def identification(
@@ -70,7 +64,7 @@ def identification(
         raise ModelError(f"identification: {unknown_name('theory', str(theory), ('kalker',))}")
     rows = _rows()
     equations = HarmonicBalance(1).equations(system)
-    exclude = [] if robust else [i for i, s in enumerate(_yang().TABLE_1) if s.state in LOOSE]
+    exclude = [] if robust else [i for i, s in enumerate(TABLE_1) if s.state in LOOSE]
     fits: dict[str, Identification] = {}
     options: dict[str, Any] = {"sigma": SIGMA, "exclude": exclude, "robust": robust}
     if theory is None:
@@ -92,7 +86,7 @@ def identification(
 
 def _rows() -> list[dict[str, float | None]]:
     """Return the printed states of equivalent linearisation; the first is the Hopf point."""
-    return [{"V": s.V, "omega": s.omega_el, "q1": s.a1_el or BELOW_CONTACT, "q3": s.a2_el} for s in _yang().TABLE_1]
+    return [{"V": s.V, "omega": s.omega_el, "q1": s.a1_el or BELOW_CONTACT, "q3": s.a2_el} for s in TABLE_1]
 
 
 def _estimates(system: System, fits: dict[str, Identification]) -> Table:
@@ -108,7 +102,7 @@ def _estimates(system: System, fits: dict[str, Identification]) -> Table:
 
 def _misfit(name: str, fit: Identification) -> Table:
     """Return the misfit row by row, with weights and outliers."""
-    states = _yang().TABLE_1
+    states = TABLE_1
     places = {q: i for i, q in enumerate(fit.quantities)}
     shown = (("V", "V [m/s]", 1.0), ("omega", "omega [rad/s]", 1.0), ("q3", "a2 [mm]", 1e3))
     rows = []
@@ -138,7 +132,7 @@ def _figure(fits: dict[str, Identification]) -> Figure:
 
     figure, axes = plot.panels(1, 3, (13.0, 3.9))
     shown = (("V", "speed V [m/s]", 1.0), ("omega", "frequency omega [rad/s]", 1.0), ("q3", "rear amplitude [mm]", 1e3))
-    states = [s.state for s in _yang().TABLE_1]
+    states = [s.state for s in TABLE_1]
     for ax, (quantity, text, factor) in zip(axes[0], shown, strict=True):
         room = 0.0
         for (name, fit), marker in zip(fits.items(), "os", strict=False):

@@ -12,22 +12,24 @@ import sys
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 from small_studies import process, write_study
 
 import hbbogie as hb
 from hbbogie import plot, studies
 from hbbogie.reports import report_of, write_html
+from hbbogie.reports.study import _most_correlated
 from hbbogie.studies import (
     Scaled,
-    critical,
     exceedance,
     independent,
     named_distribution,
     prediction,
+    smallest_critical,
     sobol_indices,
-    unit_factor,
 )
+from hbbogie.units import unit_factor
 
 
 @pytest.fixture(scope="module")
@@ -430,7 +432,7 @@ class TestCritical:
         points = studies.latin_hypercube(studies.around(bogie, 0.2, names), 4, seed=8)
         for i in range(4):
             system = bogie.with_parameters(**points.point(i))
-            short = critical(system, interval=(40.0, 160.0))
+            short = smallest_critical(system, interval=(40.0, 160.0))
             long = hb.critical_speeds(system, "V", (40.0, 160.0), harmonics=15)
             assert not short["failed"] and short["critical"] == pytest.approx(long[0].value, rel=1e-9)
             assert short["kind"] == long[0].kind
@@ -536,6 +538,31 @@ class TestReport:
         """The fold is -a^2 / 4, whatever the frequency."""
         found = sobol_indices(data, "fold")
         assert found.total[1] == pytest.approx(0.0, abs=1e-12) and found.total[0] == pytest.approx(1.0, abs=0.35)
+
+    def test_figures_of_large_forces(self):
+        """The distribution stays in the unit that its thresholds are in."""
+        data = xr.Dataset({"F": ("point", np.array([1.0, 2.0, 3.0]) * 1e6, {"units": "N"})})
+        ax = plot.distribution(data, "F", [(2e6, "allowed")])
+        assert ax.get_xlabel() == "F [N]" and ax.get_xlim()[0] < 2e6 < ax.get_xlim()[1]
+        assert plot.sample_scatter(data, "F", "F").get_xlabel() == "F [MN]"
+
+    def test_rank_correlation_with_ties_is_by_mid_ranks(self):
+        """Spearman's definition: the correlation of ranks, of equal values the mean of the ranks they share."""
+
+        def mid_ranks(u):
+            return np.array([np.sum(u < x) + (np.sum(u == x) + 1) / 2 for x in u])
+
+        y = np.repeat([0.0, 1.0], 5)
+        inputs = {
+            "same": np.ones(10),
+            "mixed": np.array([0, 1, 2, 3, 5, 4, 6, 7, 8, 9.0]),  # in order but for two points
+            "apart": np.array([4, 3, 2, 1, 0, 9, 8, 7, 6, 5.0]),  # every 0 below every 1
+        }
+        rho = {name: np.corrcoef(mid_ranks(inputs[name]), mid_ranks(y))[0, 1] for name in ("apart", "mixed")}
+        assert rho["apart"] == pytest.approx(np.sqrt(25 / 33)) and rho["mixed"] < rho["apart"]
+        columns = {name: ("point", u) for name, u in {**inputs, "y": y}.items()}
+        data = xr.Dataset(columns, attrs={"inputs": json.dumps(list(inputs)), "outputs": json.dumps(["y"])})
+        assert _most_correlated(data, "y") == ["apart", "mixed", "same"]
 
     def test_map_of_a_grid_keeps_the_places(self):
         data = hb.sweep(
