@@ -65,6 +65,9 @@ class Expression(ca.SX):
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         raise ModelError(_without_numpy(function.__name__))
 
+    def __abs__(self) -> Expression:
+        return Expression(ca.fabs(self))
+
     def __copy__(self) -> Expression:
         return self
 
@@ -72,20 +75,22 @@ class Expression(ca.SX):
         return self  # a symbol is itself wherever it stands
 
 
-def _closed(name: str) -> Any:
-    operator = getattr(ca.SX, name)
+def _close(name: str) -> None:
+    """Let an operator of expressions give an expression."""
+    operator: Any = getattr(ca.SX, name, None)  # not all releases of CasADi have all
 
     def method(self: Expression, *other: Any) -> Any:
         return _expression(operator(self, *other))
 
-    return method
+    if operator is not None:
+        setattr(Expression, name, method)
 
 
 for _name in ("add", "sub", "mul", "truediv", "floordiv", "mod", "pow", "matmul"):
-    for _operator in (f"__{_name}__", f"__r{_name}__"):
-        setattr(Expression, _operator, _closed(_operator))
-for _operator in ("__lt__", "__le__", "__gt__", "__ge__", "__eq__", "__ne__", "__neg__", "__pos__", "__abs__"):
-    setattr(Expression, _operator, _closed(_operator))
+    _close(f"__{_name}__")
+    _close(f"__r{_name}__")
+for _name in ("lt", "le", "gt", "ge", "eq", "ne", "neg", "pos"):
+    _close(f"__{_name}__")
 
 
 def _expression(value: Any) -> Any:
