@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
 
 
 class ModelError(ValueError):
@@ -20,12 +21,20 @@ def unknown_name(kind: str, got: str, allowed: Iterable[str]) -> str:
     return f"unknown {kind} {got!r}.{hint} Allowed: {', '.join(names) or '(none)'}."
 
 
+def as_number(value: Any) -> float:
+    """Return a number as a float; NaN for anything else: a text, a truth value, an expression, an array."""
+    kind = getattr(getattr(value, "dtype", None), "kind", "")  # of NumPy's values
+    if isinstance(value, str | bytes | bool) or kind in ("b", "S", "U") or getattr(value, "ndim", 0) != 0:
+        return float("nan")
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # CasADi raises RuntimeErrors
+        return float("nan")
+
+
 def positive(name: str, value: float, unit: str) -> float:
     """Return the value as a number; raise `ModelError` unless it is finite and above 0."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
+    number = as_number(value)
     if not (math.isfinite(number) and number > 0):
         raise ModelError(
             f"{name}: got {value!r}; give a finite number above 0" + (f" in {unit}." if unit != "1" else ".")

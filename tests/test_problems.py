@@ -50,7 +50,7 @@ def test_circuit_is_odd_without_its_bias_only():
     assert not module.circuit().odd
     for values, odd in ((module.BIASED, False), (module.SYMMETRIC, True)):
         system = module.circuit(**values)
-        assert parts.is_odd(system, spread=0.0) == odd
+        assert parts.is_odd(system.dynamics, system.vector()) == odd
         assert np.all(system.ode(np.zeros(3), system.vector()).full() == 0) == odd
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,27 +118,29 @@ def find_hysteresis(
     kept = {n: float(v) for n, v in zip(system.coordinate_names, rest, strict=True)} | disturbed
     place = place_of(start_high, parameter, [cycle], [])
     step = cycle.period / steps_for(start_high, [(place, np.zeros(system.n_states))])
+    passage = partial(_passage, parameter=parameter, step=step, name=name, rest=float(rest[i]), level=limit)
     falling, rising = [], []
     for k, rate in enumerate(speeds):
         progress(f"ramps: rate {rate:g}", k / len(speeds))
-        foreseen = predicted_onset(start_low, begin, parameter, (bottom, hi), rate, name, limit)
-        look = (name, float(rest[i]), limit)
-        falling.append(_passage(start_high, cycle, -rate, parameter, (hi - lo) / rate, step, *look))
-        rising.append(_passage(start_low, kept, rate, parameter, (hi - bottom) / rate, step, *look, foreseen))
+        foreseen = predicted_onset(
+            start_low, begin, parameter=parameter, interval=(bottom, hi), rate=rate, name=name, level=limit
+        )
+        falling.append(passage(start_high, cycle, -rate, duration=(hi - lo) / rate))
+        rising.append(passage(start_low, kept, rate, duration=(hi - bottom) / rate, predicted=foreseen))
     return Hysteresis(
-        system.name,
-        parameter,
-        system.parameter(parameter).unit,
-        (lo, hi),
-        name,
-        system.coordinates[i].unit,
-        limit,
-        meaning,
-        tuple(falling),
-        tuple(rising),
-        fold.value if fold else float("nan"),
-        hopf,
-        {n: v for n, v in system.values.items() if n != parameter},
+        system=system.name,
+        parameter=parameter,
+        parameter_unit=system.parameter(parameter).unit,
+        interval=(lo, hi),
+        coordinate=name,
+        unit=system.coordinates[i].unit,
+        level=limit,
+        meaning=meaning,
+        falling=tuple(falling),
+        rising=tuple(rising),
+        fold=fold.value if fold else float("nan"),
+        hopf=hopf,
+        parameters={n: v for n, v in system.values.items() if n != parameter},
     )
 
 
@@ -167,9 +170,10 @@ def _level(system: System, name: str, cycle: Orbit) -> tuple[float, str]:
         unit = np.eye(system.n)[system.index(name)]
         across = [float(e.argument(q, zero, p)) for q in (zero, unit, *(np.eye(system.n) - np.diag(unit)))]
         alone = across[1] - across[0] != 0 and all(u == across[0] for u in across[2:])
-        thresholds = np.array(e.directions) * e.ramps(p)[3].full().ravel()
+        thresholds = np.array(e.directions) * e.gaps(p)
         if alone:
             gaps.append(float(np.abs((thresholds - across[0]) / (across[1] - across[0])).min()))
+    gaps = [gap for gap in gaps if np.isfinite(gap)]
     if gaps and max(gaps) > 0:
         return max(gaps), f"the gap, where contact of {name} ends and begins"
     return 0.5 * cycle.amplitude(name), "half the peak of the cycle at the fold, or where there is none of the first"
@@ -179,6 +183,7 @@ def _passage(
     system: System,
     initial: Initial,
     rate: float,
+    *,
     parameter: str,
     duration: float,
     step: float,
@@ -191,11 +196,13 @@ def _passage(
     try:
         motion = simulate_ramp(system, initial, duration, parameter=parameter, rate=rate, step=step)
     except ConvergenceError as error:
-        return Passage(rate, np.empty(0), np.empty(0), float("nan"), predicted, str(error))
+        return Passage(
+            rate=rate, values=np.empty(0), peaks=np.empty(0), event=float("nan"), predicted=predicted, status=str(error)
+        )
     times, peaks = turning_points(motion, name, rest)
     values = system.values[parameter] + rate * times
     above = np.flatnonzero(peaks >= level)
-    nowhere = Passage(rate, values, peaks, float("nan"), predicted, "")
+    nowhere = Passage(rate=rate, values=values, peaks=peaks, event=float("nan"), predicted=predicted, status="")
     if rate < 0:
         if not len(above) or above[-1] == len(peaks) - 1:
             return replace(nowhere, status="has not died out before the end of the range")

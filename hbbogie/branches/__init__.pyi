@@ -14,4 +14,3 @@ from .judging import estimate as estimate
 from .judging import judged as judged
 from .judging import stability_of as stability_of
 from .judging import verified as verified
-from .simulated import backwards as backwards

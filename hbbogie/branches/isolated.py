@@ -97,7 +97,15 @@ def _random_cycle(equations: Equations, parameter: str, value: float, random: np
     c = np.array([line.equilibrium(value), size * mode.real, -size * mode.imag])
     values = dict(zip(system.parameter_names, map(float, line.parameters(value)), strict=True))
     units = tuple(x.unit for x in system.coordinates)
-    return Orbit(system.name, system.coordinate_names, units, c, float(eigenvalues[0].imag), values, "random")
+    return Orbit(
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=units,
+        coefficients=c,
+        omega=float(eigenvalues[0].imag),
+        parameters=values,
+        method="random",
+    )
 
 
 def _value(parameter: str, sign: int = 1) -> Callable[[Cycle], ca.MX]:

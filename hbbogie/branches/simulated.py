@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
 from hbbogie import fourier
@@ -68,7 +65,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
                 f"a motion settles on a cycle of period {guess.period:.6g} s that {equations.method} do not resolve "
                 f"(ask for more with harmonics=...): {error}"
             )
-    before = backwards(system)
+    before = system.backwards()
     for settled in _settled(before, starts, moving):
         if settled.kind == "cycle":
             guess = last_orbit(before, settled.trajectory, H, moving)
@@ -109,19 +106,6 @@ def _settled(system: System, starts: list[dict[str, float]], coordinate: str) ->
                 break
             except ConvergenceError:
                 continue
-
-
-def backwards(system: System) -> System:
-    """Return the system whose motions are those of another backwards in time: rates change their sign."""
-    found = copy.copy(system)
-    found._built = {}
-    q, v, a, f, p = system.residual_with_forces.sx_in()
-    r = system.residual_with_forces(q, -v, a, f, p)
-    found.residual_with_forces = ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
-    found.elements = tuple(
-        replace(e, argument=ca.Function("argument", [q, v, p], [e.argument(q, -v, p)])) for e in system.elements
-    )
-    return found
 
 
 def distinct(orbits: Iterable[Orbit]) -> list[Orbit]:

@@ -252,27 +252,25 @@ class _Search:
             for p in self._special(kind, f)
         ]
         return Chart(
-            system.name,
-            name,
-            over,
-            (label(texts[0], units[0]), label(texts[1], units[1])),
-            self.span,
-            self.interval,
-            folds,
-            hopf,
-            tuple(special),
-            ranges[0],
-            ranges[1],
-            tuple(dict.fromkeys(self.notes)),
+            system=system.name,
+            parameter=name,
+            over=over,
+            labels=(label(texts[0], units[0]), label(texts[1], units[1])),
+            span=self.span,
+            interval=self.interval,
+            folds=folds,
+            hopf=hopf,
+            special=tuple(special),
+            without_fold=ranges[0],
+            without_hopf=ranges[1],
+            notes=tuple(dict.fromkeys(self.notes)),
         )
 
     def _hopf_curve(self, found: Followed) -> CriticalCurve:
-        character = tuple(_direction(state.onset) for state in found.states)
-        side = np.array([state.side for state in found.states])
-        slope = np.array([state.slope for state in found.states])
-        error = np.array([point.error for point in found.points])
-        omega, values, over = found.planes().T
-        return CriticalCurve("hopf", values, over, omega, slope, character, side, error, found.ends)
+        states, error = found.states, np.array([point.error for point in found.points])
+        rest = {"side": np.array([s.side for s in states]), "slope": np.array([s.slope for s in states])}
+        character = tuple(_direction(state.onset) for state in states)
+        return _curve("hopf", found.planes(), character=character, residual=error, ends=found.ends, **rest)
 
     def _fold_curve(self, found: Followed) -> CriticalCurve:
         ends, size = list(found.ends), np.array([np.inf, np.ptp(self.span), np.ptp(self.interval)])
@@ -293,10 +291,8 @@ class _Search:
             rows.insert(0 if at == 0 else len(rows), (last, rows[at][1], slope, 0.0))
         planes, character, slopes, error = zip(*rows, strict=True)
         side = np.array([1 if extremum == "minimum" else -1 for extremum in character])
-        omega, values, over = np.array(planes).T
-        return CriticalCurve(
-            "fold", values, over, omega, np.array(slopes), character, side, np.array(error), (ends[0], ends[1])
-        )
+        rest = {"slope": np.array(slopes), "character": tuple(character), "residual": np.array(error)}
+        return _curve("fold", np.array(planes), side=side, ends=(ends[0], ends[1]), **rest)
 
     def _special(self, curve: str, found: Followed) -> list[ChartPoint]:
         special = []
@@ -306,7 +302,8 @@ class _Search:
                 name = "onset changes" if state.grazing else "Bautin point"
             omega, value, over = self._rounded(plane(found.curve, point))
             text = f"{MEANING[name].format(self.names[1])}; residual {point.error:.1e}"
-            special.append(ChartPoint(name, curve, float(value), float(over), float(omega), text))
+            at = {"value": float(value), "over_value": float(over), "omega": float(omega)}
+            special.append(ChartPoint(kind=name, curve=curve, status=text, **at))
         return special
 
 
@@ -348,3 +345,9 @@ def _gaps(curves: Sequence[CriticalCurve], interval: tuple[float, float]) -> tup
     if high > reached + slack:
         gaps.append((reached, high))
     return tuple(gaps)
+
+
+def _curve(kind: str, planes: Array, **others: Any) -> CriticalCurve:
+    """Return a curve from its points (omega, value, other value), shape (points, 3), and the other fields."""
+    omega, values, over = planes.T
+    return CriticalCurve(kind=kind, values=values, over_values=over, omega=omega, **others)

@@ -196,5 +196,14 @@ def _critical(found: _Solved, parameter: str) -> Critical:
     orbit = problem.orbit(y, f"fold of {parameter}: conditions of optimality met to {found.error:.1e}")
     status = f"{extremum} of {parameter} over the cycles near by, {found.why}; no bound is active"
     return Critical(
-        "fold", parameter, float(y[-1]), extremum, orbit.omega, gradient, orbit, found.error, found.curvature, status
+        kind="fold",
+        parameter=parameter,
+        value=float(y[-1]),
+        extremum=extremum,
+        omega=orbit.omega,
+        gradient=gradient,
+        orbit=orbit,
+        residual=found.error,
+        curvature=found.curvature,
+        status=status,
     )

@@ -15,14 +15,14 @@ def hopf_gradient(system: System, hopf: SpecialPoint) -> Critical:
     del slopes[hopf.parameter]
     eigenvalue = at.eigenvalue
     return Critical(
-        "hopf",
-        hopf.parameter,
-        hopf.value,
-        "",
-        hopf.omega,
-        slopes,
-        hopf.orbit,
-        abs(eigenvalue.real) / abs(eigenvalue),
-        float("nan"),
-        hopf.status,
+        kind="hopf",
+        parameter=hopf.parameter,
+        value=hopf.value,
+        extremum="",
+        omega=hopf.omega,
+        gradient=slopes,
+        orbit=hopf.orbit,
+        residual=abs(eigenvalue.real) / abs(eigenvalue),
+        curvature=float("nan"),
+        status=hopf.status,
     )

@@ -102,4 +102,15 @@ def _located(equations: Equations, special: SpecialPoint) -> Critical:
         return fold(equations, special, special.parameter, search=False)
     except FAILURES:
         nan, name, orbit = float("nan"), special.parameter, special.orbit
-        return Critical("fold", name, special.value, "", special.omega, {}, orbit, nan, nan, special.status)
+        return Critical(
+            kind="fold",
+            parameter=name,
+            value=special.value,
+            extremum="",
+            omega=special.omega,
+            gradient={},
+            orbit=orbit,
+            residual=nan,
+            curvature=nan,
+            status=special.status,
+        )

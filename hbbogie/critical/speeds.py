@@ -90,7 +90,18 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
     except ConvergenceError as error:
         status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
         value, extremum, omega, nan = special.value, special.extremum, special.omega, float("nan")
-        return Critical("fold", special.parameter, value, extremum, omega, {}, orbit, orbit.residual, nan, status)
+        return Critical(
+            kind="fold",
+            parameter=special.parameter,
+            value=value,
+            extremum=extremum,
+            omega=omega,
+            gradient={},
+            orbit=orbit,
+            residual=orbit.residual,
+            curvature=nan,
+            status=status,
+        )
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:

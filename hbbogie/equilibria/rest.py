@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.model.parts import beside
+from hbbogie.model.derivatives import beside
 from hbbogie.model.system import System
 from hbbogie.solving.newton import Buffered
 

@@ -198,7 +198,7 @@ def _build(system: System) -> SwitchedLinear:
             "closed form; give a law made of straight lines, such as Tabulated, or use HarmonicBalance."
         )
     q, v, lines, p, velocity, rates, _ = on_lines(system)
-    x, ramps = state_of(system, q, v), _ramps(contacts, p)
+    x, ramps = state_of(system.dynamics, q, v), _ramps(contacts, p)
     u = [e.argument(q, velocity, p) for e in contacts]
     # at ramp r the depth is direction u - threshold; the surface of all ramps, before equal ones are made one
     depths = ca.vertcat(*(d * u[i] - g for i, d, _, g, _ in ramps))

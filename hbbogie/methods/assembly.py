@@ -22,6 +22,7 @@ from hbbogie.methods.contact import make_ramp
 from hbbogie.methods.layout import Layout
 from hbbogie.methods.sampling import Sampling
 from hbbogie.model.system import System
+from hbbogie.once import Once
 
 Array = NDArray[np.float64]
 ElementForce = Callable[[Any, ca.SX, ca.SX], ca.SX]
@@ -52,7 +53,7 @@ class Assembly:
     def __init__(self, layout: Layout, system: System, force: ElementForce | None = None):
         self.layout, self.n_p, self.force = layout, len(system.parameters), force
         self.sampling = Sampling(layout, self.n_p)
-        self.built: dict[Any, Any] = {}
+        self.once = Once()
         parts = layout.parts
         contact_rows = set(parts.directions.sparsity_out(0).row())
         self.force_rows = tuple(sorted(set(parts.remainder_rows) | contact_rows))
@@ -230,20 +231,15 @@ class Assembly:
 
     def derivatives(self, free: tuple[int, ...]) -> ca.Function:
         """Return (z, p) -> (F, dF/d(z, p[free])), exact; ``free`` are places in the parameter vector."""
-        return self._once(("derivatives", free), lambda: self._build_derivatives(free))
+        return self.once(("derivatives", free), lambda: self._build_derivatives(free))
 
     def hessian(self, free: tuple[int, ...]) -> ca.Function:
         """Return (z, p, multipliers) -> second derivative of multipliers . F with respect to (z, p[free])."""
-        return self._once(("hessian", free), lambda: self._build_hessian(free))
+        return self.once(("hessian", free), lambda: self._build_hessian(free))
 
     def sensitivity(self) -> ca.Function:
         """Return (z, p, multipliers) -> derivative of multipliers . F with respect to all parameters."""
-        return self._once("sensitivity", self._build_sensitivity)
-
-    def _once(self, key: Any, build: Callable[[], ca.Function]) -> ca.Function:
-        if key not in self.built:
-            self.built[key] = build()
-        return self.built[key]
+        return self.once("sensitivity", self._build_sensitivity)
 
     def _build_derivatives(self, free: tuple[int, ...]) -> ca.Function:
         sx = self._stage_symbols()
@@ -272,7 +268,7 @@ class Assembly:
             (z, p, c, lam, _), L = self._lagrangian()
             return ca.Function("pulls", [z, p, lam], [ca.densify(ca.gradient(L, c))])
 
-        found: ca.Function = self._once("pulls", build)
+        found: ca.Function = self.once("pulls", build)
         return found
 
     def _pulled(self, gains: Gains, pull_c: ca.MX) -> ca.MX:

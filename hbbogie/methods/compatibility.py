@@ -181,13 +181,13 @@ def _orbit(equivalent: EquivalentSystem, first: int, a1: float, found: NeutralMo
     p = equivalent.p.copy()
     p[equivalent.place] = found.value
     return Orbit(
-        system.name,
-        system.coordinate_names,
-        tuple(c.unit for c in system.coordinates),
-        np.array([np.zeros(system.n), mode.real, -mode.imag]),
-        found.omega,
-        dict(zip(system.parameter_names, map(float, p), strict=True)),
-        "equivalent linearisation",
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=tuple(c.unit for c in system.coordinates),
+        coefficients=np.array([np.zeros(system.n), mode.real, -mode.imag]),
+        omega=found.omega,
+        parameters=dict(zip(system.parameter_names, map(float, p), strict=True)),
+        method="equivalent linearisation",
         status=status,
     )
 

@@ -76,7 +76,7 @@ class DescribingFunction:
                 f"DescribingFunction: {system.name!r} is not odd (r(-q) = -r(q)), so that its cycles have a mean and "
                 "even harmonics; take HarmonicBalance(harmonics) instead."
             )
-        parts = system.once(("parts", "every law"), lambda: split(system, contact=True, every_law=True))
+        parts = system.once(("parts", "every law"), lambda: split(system.dynamics, contact=True, every_law=True))
         self._check(system, parts)
         layout = partial(make_layout, system, parts, (1,), H=1, samples=self.samples)
         force = partial(_equivalent_force, order=self.order)

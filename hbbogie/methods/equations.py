@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
+from hbbogie.once import Once
 from hbbogie.results import Orbit
 
 if TYPE_CHECKING:
     from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 RESTING = 1e-6  # share of the largest first harmonic up to which a coordinate does not set the phase
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Equations:
     """Equations F(z, p) = 0, as many as unknowns z, with bounds, scales and a codec to and from `Orbit`.
 
@@ -59,8 +59,8 @@ class Equations:
         Coordinates whose first harmonic is among the unknowns: the place in z of its cosine coefficient.
     with_phase : callable or None
         (name of a coordinate, system) -> the equations with the phase set by that one; None where it was chosen.
-    built : dict
-        Where solvers keep what they build once for these functions.
+    once : Once
+        What is built once for these functions, shared by all equations that have them.
     """
 
     system: System
@@ -81,7 +81,7 @@ class Equations:
     phase: int | None
     cosines: dict[int, int]
     with_phase: Callable[[str, System], Equations] | None = None
-    built: dict[Any, Any] = field(default_factory=dict, repr=False)
+    once: Once = field(default_factory=Once, repr=False)
 
     @property
     def size(self) -> int:
@@ -125,25 +125,19 @@ class Equations:
             c = fourier.shift(c, float(np.arctan2(c[2, self.phase], c[1, self.phase])))
         return self.from_coefficients(c, orbit.omega)
 
-    def once(self, key: Any, build: Callable[[], T]) -> T:
-        """Return what ``build()`` made for this key, for all equations that share these functions."""
-        if key not in self.built:
-            self.built[key] = build()
-        return cast("T", self.built[key])
-
     def decode(self, z: Array, p: Array, status: str = "", F: Array | None = None) -> Orbit:
         """Return the orbit of the unknowns z at the parameter vector p; ``F`` is the residual where it is known."""
         system = self.system
         if F is None:
             F = self.residual(z, p).full().ravel()
         return Orbit(
-            system.name,
-            system.coordinate_names,
-            tuple(c.unit for c in system.coordinates),
-            np.asarray(self.coefficients(z, p).full()),
-            float(self.frequency(z)),
-            dict(zip(system.parameter_names, map(float, p), strict=True)),
-            self.method,
-            float(np.abs(F / self.residual_scale).max()),
-            status,
+            system=system.name,
+            coordinates=system.coordinate_names,
+            units=tuple(c.unit for c in system.coordinates),
+            coefficients=np.asarray(self.coefficients(z, p).full()),
+            omega=float(self.frequency(z)),
+            parameters=dict(zip(system.parameter_names, map(float, p), strict=True)),
+            method=self.method,
+            residual=float(np.abs(F / self.residual_scale).max()),
+            status=status,
         )

@@ -74,8 +74,10 @@ class EquivalentSystem:
         self.system, self.parameter, self.p = system, parameter, system.vector()
         self.names = tuple(e.name for e in system.elements)
         self.linear = system.once("equivalent linear system", lambda: _linear(system))
-        functions = system.once(("equivalent linear system", parameter), lambda: _functions(self.linear, self.place))
-        self.matrices: ca.Function = functions
+        m = len(system.elements)
+        self.matrices: ca.Function = system.once(
+            ("equivalent linear system", parameter), lambda: _functions(self.linear, self.place, m)
+        )
         self.springs, self.arguments = system.once("equivalent springs", lambda: _springs(system))
         if any(self.place in f.jac_sparsity(0, i).get_col() for f, i in ((self.springs, 1), (self.arguments, 0))):
             raise ModelError(
@@ -201,7 +203,7 @@ def _linear(system: System) -> System:
         raise ModelError(f"system {system.name!r} has no elements; write its nonlinear forces as elements.")
     q, v, a = (ca.vertcat(*(getattr(c, s) if s else c for c in system.coordinates)) for s in ("", "dot", "ddot"))
     p = ca.vertcat(*system.parameters) if system.parameters else ca.SX(0, 1)
-    springs = [Parameter(f"equivalent stiffness of {e.name}", 0.0) for e in system.elements]
+    springs = [Parameter(f"equivalent_stiffness_{i + 1}", 0.0) for i in range(len(system.elements))]
     forces = [k * e.argument(q, v, p) for k, e in zip(springs, system.elements, strict=True)]
     equations = ca.vertsplit(system.residual_with_forces(q, v, a, ca.vertcat(*forces), p))
     linear = System(system.name, system.coordinates, (*system.parameters, *springs), equations)
@@ -217,13 +219,12 @@ def _linear(system: System) -> System:
     return linear
 
 
-def _functions(linear: System, place: int) -> ca.Function:
-    """Return p -> (A, [dA/d parameter, dA/d stiffness 1, ...]), the derivatives side by side."""
+def _functions(linear: System, place: int, m: int) -> ca.Function:
+    """Return p -> (A, [dA/d parameter, dA/d stiffness 1, ...]), side by side; the m stiffnesses stand last in p."""
     n_p, size = len(linear.parameters), linear.n_states
     p = ca.SX.sym("p", n_p)
     A = ca.densify(linear.ode_jacobian(ca.SX.zeros(size), p))
-    springs = [i for i, s in enumerate(linear.parameter_names) if s.startswith("equivalent stiffness of ")]
-    derivatives = [ca.reshape(ca.jacobian(A, p[i]), size, size) for i in (place, *springs)]
+    derivatives = [ca.reshape(ca.jacobian(A, p[i]), size, size) for i in (place, *range(n_p - m, n_p))]
     return ca.Function("A", [p], [A, ca.densify(ca.horzcat(*derivatives))])
 
 

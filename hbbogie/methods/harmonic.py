@@ -78,7 +78,7 @@ class HarmonicBalance:
         odd = system.odd if self.odd is None and self.harmonics else bool(self.odd)
         if odd and not self.harmonics:
             raise ModelError("HarmonicBalance: odd=True leaves no harmonic of 0 ... 0; give harmonics of at least 1.")
-        if self.odd and not (system.odd or is_odd(system, spread=0.0)):
+        if self.odd and not (system.odd or is_odd(system.dynamics, system.vector())):
             raise ModelError(
                 f"HarmonicBalance: odd=True, but system {system.name!r} is not odd at its parameter values: its cycles "
                 "have a mean and even harmonics; leave odd out."
@@ -117,8 +117,7 @@ def _check_gaps(system: System) -> None:
         if not np.isfinite(gaps).all():
             raise ModelError(
                 f"element {element.name!r} ({element.law}): its gaps are {', '.join(f'{g:g}' for g in gaps)} at these "
-                "parameter values, as those of a Saturation with stiffness 0, which never reaches its limit; give "
-                "values at which they are finite, or leave the element out."
+                "parameter values; give values at which they are finite, or leave the element out."
             )
 
 

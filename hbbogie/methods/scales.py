@@ -39,24 +39,24 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
     rows = _row_scale(layout.parts, p, omega) * size
     means = rows if layout.means else np.empty(0)
     return Equations(
-        system,
-        method,
-        assembly.residual,
-        assembly.derivatives,
-        assembly.hessian,
-        assembly.sensitivity,
-        assembly.coefficients,
-        assembly.frequency,
-        layout.from_coefficients,
-        _labels(system, layout, layout.S, "unknown"),
-        _labels(system, layout, assembly.R, "equation"),
-        lower,
-        upper,
-        scale,
-        np.r_[np.repeat(rows[list(assembly.R)], layout.waves), means],
-        layout.phase,
-        layout.cosines,
-        built=assembly.built,
+        system=system,
+        method=method,
+        residual=assembly.residual,
+        derivatives=assembly.derivatives,
+        hessian=assembly.hessian,
+        sensitivity=assembly.sensitivity,
+        coefficients=assembly.coefficients,
+        frequency=assembly.frequency,
+        from_coefficients=layout.from_coefficients,
+        unknowns=_labels(system, layout, layout.S, "unknown"),
+        rows=_labels(system, layout, assembly.R, "equation"),
+        lower=lower,
+        upper=upper,
+        scale=scale,
+        residual_scale=np.r_[np.repeat(rows[list(assembly.R)], layout.waves), means],
+        phase=layout.phase,
+        cosines=layout.cosines,
+        once=assembly.once,
     )
 
 
@@ -81,7 +81,7 @@ def _amplitude_scale(parts: Parts, p: Array, omega: float) -> float:
     That is the power of ten nearest to the amplitude at which the nonlinear part of an equation is half as large as
     the linear one, all coordinates moving alike at the frequency omega; 1 where it never is.
     """
-    thresholds = [np.abs(e.ramps(p)[3].full()).ravel() for e in parts.contacts if e.ramps]
+    thresholds = [np.abs(e.gaps(p)) for e in parts.contacts]
     gaps = [g for t in thresholds for g in t if 0 < g < np.inf]
     if gaps or not parts.remainder_rows:
         return float(min(gaps, default=1.0))

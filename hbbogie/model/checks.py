@@ -2,35 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from hbbogie.errors import ModelError
-from hbbogie.model.elements import Element
+from hbbogie.model.elements import Element, force_of
+from hbbogie.model.scalars import as_expression, told
 from hbbogie.model.symbols import Coordinate, Parameter
+
+T = TypeVar("T", Coordinate, Parameter, Element)
 
 
 def check_names(
-    coordinates: Sequence[Coordinate], parameters: Sequence[Parameter], elements: Sequence[Element]
-) -> None:
-    """Raise `ModelError` unless there are coordinates and all names differ."""
-    if not coordinates:
+    name: str,
+    coordinates: Sequence[Coordinate],
+    parameters: Sequence[Parameter],
+    elements: Sequence[Element],
+    description: str = "",
+) -> tuple[tuple[Coordinate, ...], tuple[Parameter, ...], tuple[Element, ...]]:
+    """Return coordinates, parameters and elements; raise `ModelError` unless they are such and all names differ."""
+    for what, text in (("name", name), ("description", description)):
+        if not isinstance(text, str) or (what == "name" and not text):
+            raise ModelError(f"{what} of a system: got {told(text)}; give a text, such as 'bogie'.")
+    groups = (
+        _all("coordinates", coordinates, Coordinate),
+        _all("parameters", parameters, Parameter),
+        _all("elements", elements, Element),
+    )
+    if not groups[0]:
         raise ModelError("a system needs at least one coordinate; got none.")
-    for kind, things, constructor in (
-        ("coordinates", coordinates, "Coordinate"),
-        ("parameters", parameters, "Parameter"),
-        ("elements", elements, "Element"),
-    ):
-        for thing in things:
-            if type(thing).__name__ != constructor:
-                raise ModelError(f"{kind}: got a {type(thing).__name__}; make it with {constructor}(name, ...).")
-    names = [str(thing.name) for group in (coordinates, parameters, elements) for thing in group]
+    names = [str(thing.name) for group in groups for thing in group]
     doubles = sorted({name for name in names if names.count(name) > 1})
     if doubles:
         raise ModelError(f"each name may be used once; got twice or more: {', '.join(doubles)}.")
+    return groups
+
+
+def _all(kind: str, things: Any, constructor: type[T]) -> tuple[T, ...]:
+    example = f"give a list of them, such as [{constructor.__name__}(name, ...)]"
+    for thing in listed(kind, things, example):
+        if not isinstance(thing, constructor):
+            raise ModelError(f"{kind}: got {told(thing)} in the list; make it with {constructor.__name__}(name, ...).")
+    return tuple(things)
+
+
+def listed(kind: str, things: Any, instead: str) -> tuple[Any, ...]:
+    """Return things as a tuple; raise `ModelError` where they are no list."""
+    if isinstance(things, ca.SX | ca.MX | ca.DM | str | bytes | Mapping) or not isinstance(things, Iterable):
+        raise ModelError(f"{kind}: got {told(things)}; {instead}.")
+    return tuple(things)
 
 
 def check_equations(
@@ -41,10 +64,14 @@ def check_equations(
 ) -> ca.SX:
     """Return the equations as a vector; raise `ModelError` when they cannot be meant."""
     n = len(coordinates)
-    rows = [ca.SX(e) for e in equations]
+    given = listed("equations", equations, "give a list of expressions, one for each coordinate, such as [x.ddot + x]")
+    rows = [as_expression(f"equation {i + 1}", e) for i, e in enumerate(given)]
     for i, row in enumerate(rows):
-        if not row.is_scalar():
-            raise ModelError(f"equation {i + 1} has shape {row.shape}; each equation is one scalar expression.")
+        if any(row.is_op(op) for op in (ca.OP_EQ, ca.OP_NE, ca.OP_LT, ca.OP_LE)):
+            raise ModelError(
+                f"equation {i + 1} ({row}) is a comparison; write the equation as what must be zero, its left side "
+                "minus its right side."
+            )
     if len(rows) != n:
         raise ModelError(f"got {len(rows)} equations for {n} coordinates; give one equation for each coordinate.")
     motion = [s for c in coordinates for s in (c, c.dot, c.ddot)]
@@ -63,7 +90,7 @@ def check_equations(
     for element in elements:
         strangers = [
             s.name()
-            for s in ca.symvar(ca.vertcat(element.argument, ca.SX(element.law.force(element.argument))))
+            for s in ca.symvar(ca.vertcat(element.argument, force_of(element, element.argument)))
             if s.element_hash() not in known
         ]
         if strangers:
@@ -76,7 +103,10 @@ def check_equations(
         if element.element_hash() not in used:
             raise ModelError(f"element {element.name!r} stands in no equation; add its force to one.")
     if any(np.isnan(np.asarray(ca.DM(c))).any() for row in rows for c in _constants(row)):
-        raise ModelError("an equation contains a constant that is not a number (NaN); check the numbers used.")
+        raise ModelError(
+            "an equation contains a constant that is not a number (NaN); check the numbers used, and write "
+            "casadi.tanh(x) for math.tanh(x), and the like: the functions of math make NaN of an expression."
+        )
     return ca.vertcat(*rows)
 
 

@@ -1,36 +1,146 @@
-"""The equations of motion as functions: residual, first-order form, linear matrices."""
+"""The equations of motion as one value: residual, first-order form, linear matrices."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError
-
-if TYPE_CHECKING:
-    from hbbogie.model.system import System
-
-
-def _leading(system: System, residual: ca.Function) -> tuple[list[ca.SX], ca.SX, ca.SX]:
-    """Return the symbols (q, v, a, p), the highest derivatives and the residual's Jacobian in them."""
-    n = system.n
-    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
-    top = ca.vertcat(*(a[i] if second else v[i] for i, second in enumerate(system.second_order)))
-    return [q, v, a, p], top, ca.jacobian(residual(q, v, a, p), top)
+from hbbogie.model.checks import check_equations, check_names, orders
+from hbbogie.model.elements import AttachedLaw, Element, attach
+from hbbogie.model.symbols import Coordinate, Parameter
+from hbbogie.once import Once
 
 
-def check_leading_matrix(system: System) -> None:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dynamics:
+    """Equations of motion r(q, v, a, p) = 0, whatever the values of the parameters.
+
+    Attributes
+    ----------
+    name, description : str
+    coordinates : tuple of Coordinate
+    parameters : tuple of Parameter
+    elements : tuple of AttachedLaw
+    residual_with_forces : casadi.Function, (q, v, a, f, p) -> r, shape (n,)
+        The equations with the forces of the elements as arguments.
+    second_order : tuple of bool
+        Whether the second derivative of each coordinate occurs.
+    once : Once
+        What is built for these equations, for all values of the parameters.
+    """
+
+    name: str
+    description: str
+    coordinates: tuple[Coordinate, ...]
+    parameters: tuple[Parameter, ...]
+    elements: tuple[AttachedLaw, ...]
+    residual_with_forces: ca.Function
+    second_order: tuple[bool, ...]
+    once: Once = field(default_factory=Once, repr=False)
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states of the first-order form."""
+        return self.n + sum(self.second_order)
+
+    @property
+    def defaults(self) -> NDArray[np.float64]:
+        """Default values of the parameters, shape (number of parameters,)."""
+        return np.array([p.default for p in self.parameters])
+
+    @property
+    def residual(self) -> ca.Function:
+        """Function (q, v, a, p) -> r, shape (n,): the equations with the elements' forces put in."""
+        return self.once("residual", lambda: _residual(self))
+
+    @property
+    def ode(self) -> ca.Function:
+        """Function (x, p) -> dx/dt of the state x = (all q, velocities of the second-order coordinates)."""
+        return self.once("ode", lambda: _first_order_form(self))
+
+    @property
+    def ode_jacobian(self) -> ca.Function:
+        """Function (x, p) -> A, shape (n_states, n_states): derivative of `ode` with respect to the state."""
+        return self.once("A", lambda: _state_matrix(self))
+
+    @property
+    def linear(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """Mass, damping and stiffness matrices at rest, functions of the parameter vector."""
+        return self.once("linear", lambda: linear_matrices(self.residual))
+
+    def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Return fresh symbols q, v, a, shape (n,), and p, shape (number of parameters,)."""
+        sizes = (self.n, self.n, self.n, len(self.parameters))
+        return tuple(ca.SX.sym(s, k) for s, k in zip("qvap", sizes, strict=True))  # type: ignore[return-value]
+
+    def backwards(self) -> Dynamics:
+        """Return the equations of the same motions backwards in time: velocities change their sign."""
+        q, v, a, f, p = self.residual_with_forces.sx_in()
+        return replace(
+            self,
+            residual_with_forces=_with_forces(q, v, a, f, p, self.residual_with_forces(q, -v, a, f, p)),
+            elements=tuple(
+                replace(e, argument=ca.Function("argument", [q, v, p], [e.argument(q, -v, p)])) for e in self.elements
+            ),
+            once=Once(),
+        )
+
+
+def equations_of_motion(
+    name: str,
+    coordinates: Sequence[Coordinate],
+    parameters: Sequence[Parameter],
+    equations: Sequence[Any],
+    elements: Sequence[Element] = (),
+    description: str = "",
+) -> Dynamics:
+    """Return the equations of motion of a system as a value; parameters and errors as of `System`."""
+    coordinates, parameters, elements = check_names(name, coordinates, parameters, elements, description)
+    r = check_equations(equations, coordinates, parameters, elements)
+    q, v, a = (ca.vertcat(*s) for s in zip(*((c, c.dot, c.ddot) for c in coordinates), strict=True))
+    p = ca.vertcat(*parameters) if parameters else ca.SX(0, 1)
+    f = ca.vertcat(*elements) if elements else ca.SX(0, 1)
+    residual = _with_forces(q, v, a, f, p, r)
+    found = Dynamics(
+        name=name,
+        description=description,
+        coordinates=coordinates,
+        parameters=parameters,
+        elements=tuple(attach(e, q, v, p) for e in elements),
+        residual_with_forces=residual,
+        second_order=orders(residual, coordinates),
+    )
+    _check_leading_matrix(found)
+    return found
+
+
+def _with_forces(q: ca.SX, v: ca.SX, a: ca.SX, f: ca.SX, p: ca.SX, r: ca.SX) -> ca.Function:
+    return ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
+
+
+def _check_leading_matrix(system: Dynamics) -> None:
     """Raise `ModelError` unless the equations can be solved for the highest derivatives."""
-    (q, v, a, p), top, E = _leading(system, system.residual)
+    q, v, a, p = system.symbols()
+    top = ca.vertcat(*(a[i] if second else v[i] for i, second in enumerate(system.second_order)))
+    E = ca.jacobian(system.residual(q, v, a, p), top)
     if ca.depends_on(E, top):
         raise ModelError(
             f"system {system.name!r}: a highest derivative enters nonlinearly; write the equations linear in the "
             "accelerations (or in the velocities of first-order coordinates)."
         )
-    at_rest = ca.Function("E", [q, v, a, p], [E])(0, 0, 0, system.vector()).full()
-    at_rest_r = system.residual(0, 0, 0, system.vector()).full()
+    at_rest = ca.Function("E", [q, v, a, p], [E])(0, 0, 0, system.defaults).full()
+    at_rest_r = system.residual(0, 0, 0, system.defaults).full()
     if not (np.isfinite(at_rest).all() and np.isfinite(at_rest_r).all()):
         raise ModelError(
             f"system {system.name!r}: the equations give {at_rest_r.ravel()} at rest with the default parameters; "
@@ -40,36 +150,34 @@ def check_leading_matrix(system: System) -> None:
     scaled = at_rest / np.where(scale > 0, scale, 1.0)
     if np.linalg.matrix_rank(scaled) < system.n:
         null = np.abs(np.linalg.svd(scaled)[2][-1])
-        guilty = [c for c, w in zip(system.coordinate_names, null, strict=True) if w > 0.1 * null.max()]
+        guilty = [c.name for c, w in zip(system.coordinates, null, strict=True) if w > 0.1 * null.max()]
         raise ModelError(
             f"system {system.name!r}: the mass matrix is singular at the default parameters (coordinates "
             f"{', '.join(guilty)}); give each coordinate a mass (second order) or a rate (first order)."
         )
 
 
-def full_residual(system: System) -> ca.Function:
+def _residual(system: Dynamics) -> ca.Function:
     """Return (q, v, a, p) -> r with the elements' forces put in."""
-    n = system.n
-    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
+    q, v, a, p = system.symbols()
     f = ca.vertcat(*(e.force(e.argument(q, v, p), p) for e in system.elements))
     return ca.Function("residual", [q, v, a, p], [system.residual_with_forces(q, v, a, f, p)], list("qvap"), ["r"])
 
 
-def state_matrix(system: System) -> ca.Function:
+def _state_matrix(system: Dynamics) -> ca.Function:
     """Return (x, p) -> A, the derivative of the first-order form with respect to the state."""
     x, p = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
     return ca.Function("A", [x, p], [ca.jacobian(system.ode(x, p), x)], ["x", "p"], ["A"])
 
 
-def first_order_form(system: System) -> ca.Function:
+def _first_order_form(system: Dynamics) -> ca.Function:
     """Return (x, p) -> dx/dt with x = (q, velocities of the second-order coordinates)."""
-    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (*[system.n] * 3, len(system.parameters)), strict=True))
+    q, v, a, p = system.symbols()
     dx = solved_rates(system, system.residual(q, v, a, p), v, a)
-    x = state_of(system, q, v)
-    return ca.Function("ode", [x, p], [ca.simplify(dx)], ["x", "p"], ["dx"])
+    return ca.Function("ode", [state_of(system, q, v), p], [ca.simplify(dx)], ["x", "p"], ["dx"])
 
 
-def solved_rates(system: System, r: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+def solved_rates(system: Dynamics, r: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
     """Solve equations r = 0 for the rates of the state (q, v of the second-order coordinates), velocities first."""
     top = ca.vertcat(*(a[i] if s else v[i] for i, s in enumerate(system.second_order)))
     solved = ca.solve(ca.jacobian(r, top), -ca.substitute(r, top, ca.SX.zeros(system.n)))
@@ -77,7 +185,7 @@ def solved_rates(system: System, r: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
     return state_of(system, ca.vertcat(*velocity), solved)
 
 
-def state_of(system: System, q: ca.SX, v: ca.SX) -> ca.SX:
+def state_of(system: Dynamics, q: ca.SX, v: ca.SX) -> ca.SX:
     """Return the entries q of all coordinates, then those of v of the second-order ones."""
     return ca.vertcat(q, *(v[i] for i, s in enumerate(system.second_order) if s))
 

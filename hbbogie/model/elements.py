@@ -7,13 +7,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError
 from hbbogie.model.laws import Law
 from hbbogie.model.ramps import Ramps, Scalar
+from hbbogie.model.scalars import as_expression
+from hbbogie.model.symbols import Expression
 
 
-class Element(ca.SX):
+class Element(Expression):
     """A law at its place. In an equation of motion it stands for its force.
 
     Parameters
@@ -24,28 +28,31 @@ class Element(ca.SX):
         The force law.
     argument : scalar expression
         What the law depends on: an affine combination of coordinates and velocities.
+
+    Raises
+    ------
+    ModelError
+        When name, law or argument is of another kind, or the law has a memory.
     """
 
     def __init__(self, name: str, law: Law, argument: Scalar):
+        if not isinstance(name, str) or not name:
+            raise ModelError(f"name of an element: got {name!r}; give a text, such as 'stop'.")
         if hasattr(law, "steady_force"):
             raise ModelError(
                 f"element {name!r}: a {type(law).__name__} has a memory, its force is no function of the argument; "
                 "give a law without one, such as DeadBand(stiffness, gap), and keep this one for describing_function."
             )
-        if not isinstance(law, Law):
+        if isinstance(law, type) or not isinstance(law, Law):
             raise ModelError(
-                f"element {name!r}: its law is a {type(law).__name__}, which has no method force(u); "
+                f"element {name!r}: its law is {_kind(law)}, which has no method force(u); "
                 "give a law such as DeadBand(stiffness, gap)."
             )
         super().__init__(ca.SX.sym(name))
-        self.name, self.law, self.argument = name, law, ca.SX(argument)
-        if not self.argument.is_scalar():
-            raise ModelError(
-                f"element {name!r}: its argument has shape {self.argument.shape}; give a scalar expression."
-            )
+        self.name, self.law, self.argument = name, law, as_expression(f"argument of element {name!r}", argument)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AttachedLaw:
     """What a system keeps of an element: its name, its law's name and its functions.
 
@@ -78,6 +85,23 @@ class AttachedLaw:
     describing: Any = None
     reference: Any = None
     polynomial: Any = None
+
+    def gaps(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where the ramps that act at these parameter values begin, those that do not act being infinite.
+
+        Parameters
+        ----------
+        p : ndarray, shape (number of parameters,)
+
+        Returns
+        -------
+        ndarray, shape (number of ramps,), unit of the argument
+        """
+        if self.ramps is None:
+            return np.empty(0)
+        k, threshold = (a.full().ravel() for a in self.ramps(p)[2:])
+        heights = self.heights(p).full().ravel() if self.heights else np.zeros(len(k))
+        return np.where((k != 0) | (heights != 0), threshold, np.inf)
 
     def at(self, p: ca.SX) -> LawAt:
         """Return the law at a parameter vector, shape (number of parameters,)."""
@@ -132,9 +156,9 @@ def attach(element: Element, q: ca.SX, v: ca.SX, p: ca.SX) -> AttachedLaw:
             f"or velocities ({', '.join(s.name() for s in ca.symvar(q))}); write such a force as an expression in the "
             "equations instead."
         )
-    u, law = ca.SX.sym("u"), element.law
+    u, law = Expression(ca.SX.sym("u")), element.law
     argument = ca.Function("argument", [q, v, p], [element.argument], list("qvp"), ["u"])
-    force = ca.Function("force", [u, p], [law.force(u)], ["u", "p"], ["f"])
+    force = ca.Function("force", [u, p], [force_of(element, u)], ["u", "p"], ["f"])
     ramps, directions, heights = known(law, "ramps"), (), None
     if ramps is not None:
         directions = tuple(d for d, _, _ in ramps.terms)
@@ -145,17 +169,28 @@ def attach(element: Element, q: ca.SX, v: ca.SX, p: ca.SX) -> AttachedLaw:
     N, polynomial = known(law, "describing", u), known(law, "polynomial")
     reference = known(law, "reference_stiffness")
     return AttachedLaw(
-        element.name,
-        type(law).__name__,
-        argument,
-        force,
-        ramps,
-        directions,
-        heights,
-        None if N is None else ca.Function("describing", [u, p], [ca.SX(N)], ["Y", "p"], ["N"]),
-        None if reference is None else ca.Function("reference", [p], [ca.SX(reference)]),
-        None if polynomial is None else ca.Function("polynomial", [p], [ca.vertcat(*map(ca.SX, polynomial))]),
+        name=element.name,
+        law=type(law).__name__,
+        argument=argument,
+        force=force,
+        ramps=ramps,
+        directions=directions,
+        heights=heights,
+        describing=None if N is None else ca.Function("describing", [u, p], [ca.SX(N)], ["Y", "p"], ["N"]),
+        reference=None if reference is None else ca.Function("reference", [p], [ca.SX(reference)]),
+        polynomial=None
+        if polynomial is None
+        else ca.Function("polynomial", [p], [ca.vertcat(*map(ca.SX, polynomial))]),
     )
+
+
+def force_of(element: Element, u: ca.SX) -> ca.SX:
+    """Return the force of an element's law at the argument u; raise `ModelError` unless it is an expression."""
+    return as_expression(f"force of element {element.name!r}", element.law.force(Expression(u)))
+
+
+def _kind(law: object) -> str:
+    return f"the class {law.__name__} itself" if isinstance(law, type) else f"a {type(law).__name__}"
 
 
 def known(law: Law | LawAt, name: str, *arguments: Scalar) -> Any:

@@ -20,8 +20,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, as_number
 from hbbogie.model.ramps import Ramps, Scalar
+from hbbogie.model.scalars import check_list, check_scalars
+
+FAR = 1e30  # times the limit: where a spring of no stiffness reaches it
 
 
 @runtime_checkable
@@ -65,6 +68,9 @@ class DeadBand(PiecewiseLinear):
     stiffness: Scalar
     gap: Scalar
 
+    def __post_init__(self) -> None:
+        check_scalars(self, not_negative="gap")
+
     def ramps(self) -> Ramps:
         """Return the two ramps of the dead band."""
         return Ramps(((1, self.stiffness, self.gap), (-1, self.stiffness, self.gap)))
@@ -81,7 +87,7 @@ class Saturation(PiecewiseLinear):
     Parameters
     ----------
     stiffness : scalar, unit of force per unit of the argument
-        Not 0: then the limit is never reached.
+        At 0 the law is no force.
     limit : scalar, unit of force
     """
 
@@ -89,15 +95,12 @@ class Saturation(PiecewiseLinear):
     limit: Scalar
 
     def __post_init__(self) -> None:
-        if isinstance(self.stiffness, float | int) and self.stiffness == 0:
-            raise ModelError(
-                "Saturation: stiffness is 0, so that the law is no force and its limit is never reached; give another "
-                "stiffness, or leave the element out."
-            )
+        check_scalars(self, not_negative="limit")
 
     def ramps(self) -> Ramps:
         """Return the spring and the two ramps that cancel it beyond the limit."""
-        reach = self.limit / ca.fabs(self.stiffness)
+        k = ca.SX(self.stiffness)
+        reach = self.limit * ca.if_else(k == 0, FAR, 1 / ca.fabs(ca.if_else(k == 0, 1, k)))  # with finite derivatives
         return Ramps(
             ((1, -self.stiffness, reach), (-1, -self.stiffness, reach)),
             stiffness=self.stiffness,
@@ -124,6 +127,10 @@ class Tabulated(PiecewiseLinear):
     forces: Sequence[float]
 
     def __post_init__(self) -> None:
+        check_list("Tabulated: u", self.u)
+        check_list("Tabulated: forces", self.forces)
+        if any(np.isnan(as_number(u)) for u in self.u):
+            raise ModelError(f"Tabulated: the abscissae must be numbers, got {list(self.u)}.")
         if len(self.u) != len(self.forces) or len(self.u) < 2:
             raise ModelError(
                 f"Tabulated: got {len(self.u)} abscissae and {len(self.forces)} forces; "
@@ -153,6 +160,9 @@ class Cubic:
     coefficient: Scalar
     stiffness: Scalar = 0.0
 
+    def __post_init__(self) -> None:
+        check_scalars(self)
+
     def force(self, u: Scalar) -> Scalar:
         """Return the force at the argument u."""
         return self.stiffness * u + self.coefficient * u**3
@@ -181,6 +191,9 @@ class Polynomial:
     """
 
     coefficients: Sequence[Scalar]
+
+    def __post_init__(self) -> None:
+        check_list("Polynomial: coefficients", self.coefficients)
 
     def force(self, u: Scalar) -> Scalar:
         """Return the force at the argument u."""
@@ -219,6 +232,9 @@ class Friction:
     limit: Scalar
     width: Scalar
 
+    def __post_init__(self) -> None:
+        check_scalars(self, above_zero="width")
+
     def force(self, u: Scalar) -> Scalar:
         """Return the force at the argument u."""
         return self.limit * ca.tanh(u / self.width)
@@ -240,6 +256,9 @@ class Step(PiecewiseLinear):
     height: Scalar = 1.0
     threshold: Scalar = 0.0
 
+    def __post_init__(self) -> None:
+        check_scalars(self)
+
     def ramps(self) -> Ramps:
         """Return the jump, a ramp of no slope that begins with it."""
         return Ramps(((1, 0.0, self.threshold),), heights=(self.height,))
@@ -259,6 +278,9 @@ class CoulombFriction(PiecewiseLinear):
     """
 
     limit: Scalar
+
+    def __post_init__(self) -> None:
+        check_scalars(self)
 
     def ramps(self) -> Ramps:
         """Return the two jumps, upwards for u > 0 and downwards for u < 0."""
@@ -286,6 +308,9 @@ class Backlash:
 
     stiffness: Scalar
     gap: Scalar
+
+    def __post_init__(self) -> None:
+        check_scalars(self, not_negative="gap")
 
     def steady_force(self, tau: ArrayLike, amplitude: float) -> NDArray[np.float64]:
         """Return the force over u = amplitude * cos(tau) once the motion is periodic.

@@ -2,54 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from hbbogie.model.dynamics import linear_matrices
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.model.dynamics import Dynamics, linear_matrices
+from hbbogie.model.elements import AttachedLaw
 
-if TYPE_CHECKING:
-    from hbbogie.model.elements import AttachedLaw
-    from hbbogie.model.system import System
-
-ASIDE = 1e-12  # distance at which a derivative that does not exist at a point is looked at
-AGREEING = 1e-6  # relative difference up to which derivatives on both sides are the same
 SMALLEST_SPREAD = 1e-100  # of a jump, in the unit of the argument: none where the argument rests
 
 
-def beside(at: Callable[[Any], Any], x: Any, J: Any) -> Any:
-    """Return derivatives J = at(x) at many points, those not finite replaced by ones beside, where all sides agree."""
-    lost = ~np.isfinite(J).all(axis=(1, 2))
-    if not lost.any():
-        return J
-    aside = ASIDE * np.cos(np.arange(1.0, 1 + x.shape[1])) * np.maximum(np.abs(x), 1.0)
-    sides = [at(x + f * aside) for f in (1.0, -1.0, 10.0)]
-    size = np.abs(sides[0]).max(axis=(1, 2))
-    same = [np.abs(s - sides[0]).max(axis=(1, 2)) <= AGREEING * size for s in sides[1:]]
-    return np.where((lost & same[0] & same[1])[:, None, None], sides[0], J)
-
-
-def state_matrix_at(system: System, x: Any, p: Any) -> Any:
-    """Return the state matrix at a state (see `System.state_matrix`)."""
-
-    def at(states: Any) -> Any:
-        return np.array([system.ode_jacobian(state, p).full() for state in states])
-
-    (A,) = beside(at, x[None], at(x[None]))
-    if not np.isfinite(A).all():
-        rows = ", ".join(str(i + 1) for i in np.flatnonzero(~np.isfinite(A).all(axis=1)))
-        raise ConvergenceError(
-            f"system {system.name!r}: the rates of states {rows} have no derivative at {x}; look for a root, a "
-            "division or a logarithm there, or begin at another state."
-        )
-    return A
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Parts:
     """A system taken apart for harmonic balance: r = M a + D v + K q + remainder + B contact forces.
 
@@ -78,19 +44,19 @@ class Parts:
     nonlinear: tuple[int, ...]
 
 
-def split(system: System, contact: bool, *, every_law: bool = False) -> Parts:
-    """Take a system apart.
+def split(system: Dynamics, contact: bool, *, every_law: bool = False) -> Parts:
+    """Take equations of motion apart.
 
     Parameters
     ----------
-    system : System
+    system : Dynamics
     contact : bool
         Whether continuous piecewise-linear elements are kept apart as contacts; otherwise they go to the remainder.
     every_law : bool
         Whether all elements are kept apart, whatever their law.
     """
     n = system.n
-    q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
+    q, v, a, p = system.symbols()
     qva, dt = ca.vertcat(q, v, a), ca.SX.sym("dt")
     f = ca.SX.sym("f", len(system.elements))
     r_f = system.residual_with_forces(q, v, a, f, p)
@@ -127,13 +93,15 @@ def split(system: System, contact: bool, *, every_law: bool = False) -> Parts:
         u = e.argument(q, v, p)
         nonlinear |= {i % n for i, d in enumerate(ca.which_depends(u, ca.vertcat(q, v), 1, False)) if d}
     return Parts(
-        M, D, K,
-        ca.Function("remainder", [q, v, a, p, dt], [ca.densify(remainder)], ["q", "v", "a", "p", "dt"], ["r"]),
-        rows,
-        contacts,
-        ca.Function("B", [p], [ca.sparsify(B[:, exact])]),
-        tuple(sorted(nonlinear)),
-    )  # fmt: skip
+        mass=M,
+        damping=D,
+        stiffness=K,
+        remainder=ca.Function("remainder", [q, v, a, p, dt], [ca.densify(remainder)], [*"qvap", "dt"], ["r"]),
+        remainder_rows=rows,
+        contacts=contacts,
+        directions=ca.Function("B", [p], [ca.sparsify(B[:, exact])]),
+        nonlinear=tuple(sorted(nonlinear)),
+    )
 
 
 def _spread(element: AttachedLaw, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dt: ca.SX) -> ca.SX:
@@ -143,15 +111,15 @@ def _spread(element: AttachedLaw, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dt: ca
     return element.at(p).ramps().force(u, spread=ca.fmax(ca.fabs(rate) * dt, SMALLEST_SPREAD))  # type: ignore[union-attr]
 
 
-def is_odd(system: System, trials: int = 60, spread: float = 0.4) -> bool:
+def is_odd(system: Dynamics, values: NDArray[np.float64], spread: float = 0.0, trials: int = 60) -> bool:
     """Test the identity r(-x, p) = -r(x, p) at random states and parameter values.
 
     The magnitude of the states runs over nine decades, so that every piece of a piecewise law is met;
-    the parameters are taken within their bounds, about their values (about 1 where the value is 0), up to the
+    the parameters are taken within their bounds, about the values given (about 1 where a value is 0), up to the
     relative distance ``spread``: with 0 the identity is tested at the values themselves.
     """
     rng = np.random.default_rng(1995)
-    n, values = system.n, system.vector()
+    n = system.n
     low, high = (np.array([p.bounds[k] for p in system.parameters]) for k in (0, 1))
     shape = (n, trials)
     x = [rng.standard_normal(shape) * 10.0 ** rng.uniform(-5, 4, (1, trials)) for _ in range(3)]
@@ -165,7 +133,7 @@ def is_odd(system: System, trials: int = 60, spread: float = 0.4) -> bool:
     return bool(finite.all() and (np.abs(plus + minus) <= 1e-11 * np.maximum(size, terms)).all())
 
 
-def _largest_term(system: System, x: list[Any], p: Any) -> Any:
+def _largest_term(system: Dynamics, x: list[Any], p: Any) -> Any:
     """Return the size of the largest linear term of the equations at each trial, shape (1, trials)."""
     q, v, a = x
     trials = q.shape[1]

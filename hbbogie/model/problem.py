@@ -73,8 +73,8 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
 
     Examples
     --------
-    >>> load_problem("van_der_pol").van_der_pol(mu=2.0).values
-    {'mu': 2.0}
+    >>> load_problem("van_der_pol").van_der_pol(mu=2.0).values["mu"]
+    2.0
     """
     path = _locate(name_or_path)
     name = _module_name(path)
@@ -118,7 +118,7 @@ def problem_file(function: object) -> str | None:
     return str(package.__file__) if package and hasattr(package, "__source_hash__") else None
 
 
-def system_of(module: ModuleType, **overrides: Any) -> System:
+def system_of(module: ModuleType, /, **overrides: Any) -> System:
     """Return the system of a problem module.
 
     Parameters

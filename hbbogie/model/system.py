@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from math import isfinite
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.errors import ModelError, unknown_name
-from hbbogie.model.checks import check_equations, check_names, orders
-from hbbogie.model.dynamics import check_leading_matrix, first_order_form, full_residual, linear_matrices, state_matrix
-from hbbogie.model.elements import Element, attach
+from hbbogie.errors import ModelError, as_number, unknown_name
+from hbbogie.model.derivatives import state_matrix_at
+from hbbogie.model.dynamics import Dynamics, equations_of_motion
+from hbbogie.model.elements import AttachedLaw, Element
 from hbbogie.model.laws import Law
-from hbbogie.model.parts import Parts, is_odd, split, state_matrix_at
+from hbbogie.model.parts import Parts, is_odd, split
 from hbbogie.model.ramps import Scalar
 from hbbogie.model.symbols import Coordinate, Parameter
+from hbbogie.model.values import Values
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -43,7 +45,8 @@ class System:
 
     Notes
     -----
-    A system is a value: it never changes, pickles, and `with_parameters` gives a new one.
+    A system is a value: it never changes, copies, pickles, and `with_parameters` gives a new one, which shares the
+    equations of motion, `dynamics`, and the functions built of them. Its `values` are read-only.
     Attributes found by symbolic analysis: `mass`, `damping`, `stiffness`, `nonlinear_coordinates`,
     `odd`, `inactive_parameters`.
 
@@ -63,32 +66,32 @@ class System:
         elements: Sequence[Element] = (),
         description: str = "",
     ):
-        self.name, self.description = name, description
-        self.coordinates, self.parameters = tuple(coordinates), tuple(parameters)
-        self._built: dict[Any, Any] = {}
-        check_names(self.coordinates, self.parameters, elements)
-        r = check_equations(equations, self.coordinates, self.parameters, elements)
-        q, v, a = self._symbols()
-        p = ca.vertcat(*self.parameters) if self.parameters else ca.SX(0, 1)
-        f = ca.vertcat(*elements) if elements else ca.SX(0, 1)
-        self.elements = tuple(attach(e, q, v, p) for e in elements)
-        self.values: dict[str, float] = {}
-        for parameter in self.parameters:
-            self.values[parameter.name] = self._checked(parameter.name, parameter.default)
-        # r(q, v, a, f, p): the equations with the elements' forces as separate arguments
-        self.residual_with_forces = ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
-        self.second_order = orders(self.residual_with_forces, self.coordinates)
-        check_leading_matrix(self)
+        self._dynamics = equations_of_motion(name, coordinates, parameters, equations, elements, description)
+        self._values: Mapping[str, float] = Values({p.name: _checked(p, p.default) for p in self.parameters})
+
+    @classmethod
+    def _of(cls, dynamics: Dynamics, values: Mapping[str, float]) -> System:
+        """Return the system of equations that are analysed already, at values that are checked already."""
+        system = cls.__new__(cls)
+        system._dynamics, system._values = dynamics, Values(values)
+        return system
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return System._of, (self._dynamics, dict(self._values))
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The equations of motion, whatever the values of the parameters."""
+        return self._dynamics
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Values of the parameters by name, read-only."""
+        return self._values
 
     def once(self, key: Any, build: Callable[[], T]) -> T:
         """Return what ``build()`` made for this key: functions are built once, for all parameter values."""
-        if key not in self._built:
-            self._built[key] = build()
-        return cast("T", self._built[key])
-
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        cs = self.coordinates
-        return ca.vertcat(*cs), ca.vertcat(*(c.dot for c in cs)), ca.vertcat(*(c.ddot for c in cs))
+        return self._dynamics.once(key, build)
 
     @classmethod
     def from_matrices(
@@ -146,23 +149,6 @@ class System:
 
     # --- values of the parameters -------------------------------------------------------------
 
-    def _checked(self, name: str, value: float) -> float:
-        if name not in self.parameter_names:
-            raise ModelError(f"system {self.name!r}: {unknown_name('parameter', name, self.parameter_names)}")
-        parameter = self.parameter(name)
-        low, high = parameter.bounds
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            raise ModelError(f"parameter {name!r}: got {value!r}; give a number in {parameter.unit or '1'}.") from None
-        if not np.isfinite(number) or not low <= number <= high:
-            raise ModelError(
-                f"parameter {name!r} ({parameter.description or 'no description'}): got {number:g} {parameter.unit}; "
-                f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()
-                + "."
-            )
-        return number
-
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name."""
         for parameter in self.parameters:
@@ -176,7 +162,7 @@ class System:
             raise ModelError(f"system {self.name!r}: {unknown_name('coordinate', coordinate, self.coordinate_names)}")
         return self.coordinate_names.index(coordinate)
 
-    def with_parameters(self, **values: float) -> System:
+    def with_parameters(self, /, **values: float) -> System:
         """Return the same system with other parameter values.
 
         Raises
@@ -184,15 +170,44 @@ class System:
         ModelError
             For an unknown name, a value that is not finite or outside the parameter's bounds.
         """
-        other = object.__new__(type(self))  # shares the functions built, which a pickled copy would not
-        other.__dict__.update(self.__dict__)
-        other.values = self.values | {name: self._checked(name, value) for name, value in values.items()}
-        return other
+        checked = {name: _checked(self.parameter(name), value) for name, value in values.items()}
+        return System._of(self._dynamics, {**self._values, **checked})
 
-    def vector(self, **values: float) -> Array:
+    def backwards(self) -> System:
+        """Return the system whose motions are those of this one backwards in time."""
+        return System._of(self._dynamics.backwards(), self._values)
+
+    def vector(self, /, **values: float) -> Array:
         """Return all parameter values as a vector, shape (number of parameters,), with overrides."""
         merged = self.with_parameters(**values).values if values else self.values
         return np.array([merged[name] for name in self.parameter_names])
+
+    # --- the equations of motion --------------------------------------------------------------
+
+    @property
+    def name(self) -> str:
+        """Name of the system."""
+        return self._dynamics.name
+
+    @property
+    def description(self) -> str:
+        """What the system is."""
+        return self._dynamics.description
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The coordinates, in order."""
+        return self._dynamics.coordinates
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters, in order."""
+        return self._dynamics.parameters
+
+    @property
+    def elements(self) -> tuple[AttachedLaw, ...]:
+        """The elements, each with the functions of its law."""
+        return self._dynamics.elements
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -207,57 +222,67 @@ class System:
     @property
     def n(self) -> int:
         """Number of coordinates."""
-        return len(self.coordinates)
-
-    # --- what symbolic analysis finds ---------------------------------------------------------
-
-    @property
-    def residual(self) -> ca.Function:
-        """Function (q, v, a, p) -> r, shape (n,): the equations of motion."""
-        return self.once("residual", lambda: full_residual(self))
-
-    @property
-    def ode(self) -> ca.Function:
-        """Function (x, p) -> dx/dt of the state x = (all q, velocities of the second-order coordinates)."""
-        return self.once("ode", lambda: first_order_form(self))
-
-    @property
-    def ode_jacobian(self) -> ca.Function:
-        """Function (x, p) -> A, shape (n_states, n_states): derivative of `ode` with respect to the state."""
-        return self.once("A", lambda: state_matrix(self))
+        return self._dynamics.n
 
     def state_matrix(self, x: Array, p: Array) -> Array:
         """Return `ode_jacobian` at a state, or the one beside it; raise `ConvergenceError` where there is none."""
-        return state_matrix_at(self, x, p)
+        return state_matrix_at(self.name, self.ode_jacobian, x, p)
 
     @property
     def n_states(self) -> int:
         """Number of states of the first-order form."""
-        return self.n + sum(self.second_order)
+        return self._dynamics.n_states
+
+    @property
+    def second_order(self) -> tuple[bool, ...]:
+        """Whether the second derivative of each coordinate occurs; else its first does."""
+        return self._dynamics.second_order
+
+    @property
+    def residual(self) -> ca.Function:
+        """Function (q, v, a, p) -> r, shape (n,): the equations of motion."""
+        return self._dynamics.residual
+
+    @property
+    def residual_with_forces(self) -> ca.Function:
+        """Function (q, v, a, f, p) -> r, shape (n,): the equations with the elements' forces f as arguments."""
+        return self._dynamics.residual_with_forces
+
+    @property
+    def ode(self) -> ca.Function:
+        """Function (x, p) -> dx/dt of the state x = (all q, velocities of the second-order coordinates)."""
+        return self._dynamics.ode
+
+    @property
+    def ode_jacobian(self) -> ca.Function:
+        """Function (x, p) -> A, shape (n_states, n_states): derivative of `ode` with respect to the state."""
+        return self._dynamics.ode_jacobian
 
     @property
     def linear(self) -> tuple[ca.Function, ca.Function, ca.Function]:
         """Mass, damping and stiffness matrices at rest, functions of the parameter vector."""
-        return self.once("linear", lambda: linear_matrices(self.residual))
+        return self._dynamics.linear
+
+    # --- what symbolic analysis finds ---------------------------------------------------------
 
     def _matrix(self, which: int, values: Mapping[str, float]) -> Array:
         return np.asarray(self.linear[which](self.vector(**values)).full())
 
-    def mass(self, **values: float) -> Array:
+    def mass(self, /, **values: float) -> Array:
         """Return the mass matrix d r/d q'' at rest, shape (n, n)."""
         return self._matrix(0, values)
 
-    def damping(self, **values: float) -> Array:
+    def damping(self, /, **values: float) -> Array:
         """Return the damping matrix d r/d q' at rest, shape (n, n)."""
         return self._matrix(1, values)
 
-    def stiffness(self, **values: float) -> Array:
+    def stiffness(self, /, **values: float) -> Array:
         """Return the stiffness matrix d r/d q at rest, shape (n, n)."""
         return self._matrix(2, values)
 
     def parts(self, contact: bool) -> Parts:
         """Return the system taken apart into linear matrices, remainder and contact elements."""
-        return self.once(("parts", contact), lambda: split(self, contact))
+        return self.once(("parts", contact), lambda: split(self._dynamics, contact))
 
     @property
     def nonlinear_coordinates(self) -> tuple[str, ...]:
@@ -272,7 +297,7 @@ class System:
         Decided by evaluating the identity at random states of many magnitudes and random parameter
         values: it holds to round-off at all of them or the system is not called odd.
         """
-        return self.once("odd", lambda: is_odd(self))
+        return self.once("odd", lambda: is_odd(self._dynamics, self._dynamics.defaults, spread=0.4))
 
     @property
     def inactive_parameters(self) -> tuple[str, ...]:
@@ -287,8 +312,18 @@ class System:
             f"{len(self.parameters)} parameters, {len(self.elements)} elements)"
         )
 
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_built": {}}
+
+def _checked(parameter: Parameter, value: Any) -> float:
+    """Return the value of a parameter; raise `ModelError` unless it is a finite number within the bounds."""
+    (low, high), number = parameter.bounds, as_number(value)
+    if not (isfinite(number) and low <= number <= high):
+        got = f"{number:g}" if number == number else repr(value)
+        raise ModelError(
+            f"parameter {parameter.name!r} ({parameter.description or 'no description'}): got {got} {parameter.unit}; "
+            f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()
+            + "."
+        )
+    return number
 
 
 def _as_matrix(m: Any) -> Any:

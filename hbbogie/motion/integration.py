@@ -102,14 +102,14 @@ def simulate(
         k += len(block)
     merged = system.with_parameters(**parameters)
     return Trajectory(
-        system.name,
-        system.coordinate_names,
-        tuple(c.unit for c in system.coordinates),
-        np.asarray(start + h * np.arange(count + 1), dtype=float),
-        states[:, : system.n].copy(),
-        velocities(system, states, p),
-        dict(merged.values),
-        f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=tuple(c.unit for c in system.coordinates),
+        t=np.asarray(start + h * np.arange(count + 1), dtype=float),
+        q=states[:, : system.n].copy(),
+        v=velocities(system, states, p),
+        parameters=dict(merged.values),
+        method=f"{method}, step {h:g} s" + (f", tolerance {tolerance:g}" if method == "cvodes" else ""),
     )
 
 
@@ -257,8 +257,8 @@ def _held(system: System) -> tuple[ca.Function, ca.Function]:
         depths.append(d * u - threshold)
         active = d * on[first : first + len(e.directions)]
         forces.append(offset + stiffness * u + ca.dot(active, k * depths[-1] + e.heights(p)))
-    rates = solved_rates(system, system.residual_with_forces(q, v, a, ca.vertcat(*forces), p), v, a)
-    x, beyond = state_of(system, q, v), ca.substitute(ca.vertcat(*depths), v, rates[:n])
+    rates = solved_rates(system.dynamics, system.residual_with_forces(q, v, a, ca.vertcat(*forces), p), v, a)
+    x, beyond = state_of(system.dynamics, q, v), ca.substitute(ca.vertcat(*depths), v, rates[:n])
     return ca.Function("held", [x, on, p], [rates]), ca.Function("depths", [x, on, p], [ca.densify(beyond)])
 
 

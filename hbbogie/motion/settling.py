@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 BESIDE = 0.1  # of the range: so far from the mean are periods marked where elements jump, as they may at the mean
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Settled:
     """Where a motion settled.
 
@@ -117,7 +117,13 @@ def settle(
     amplitudes = {c: piece.amplitude(c, since=since) for c in piece.coordinates}
     omega = 2 * np.pi / watch.period if kind == "cycle" else float("nan")
     hint = "; give a larger `longest`, or a better initial state" if kind == "undecided" else ""
-    return Settled(kind, omega, amplitudes, piece, f"{kind} after {elapsed:g} s: {why}{hint}.")
+    return Settled(
+        kind=kind,
+        omega=omega,
+        amplitudes=amplitudes,
+        trajectory=piece,
+        status=f"{kind} after {elapsed:g} s: {why}{hint}.",
+    )
 
 
 class _Watch:
@@ -231,13 +237,13 @@ def last_orbit(system: System, trajectory: Trajectory, H: int, coordinate: str |
     cosine, sine = c[1:3, system.index(name)]
     closure = float((np.abs(q[-1] - q[0]) / np.maximum(np.ptp(q, axis=0), np.finfo(float).tiny)).max())
     return Orbit(
-        system.name,
-        trajectory.coordinates,
-        trajectory.units,
-        fourier.shift(c, float(np.arctan2(sine, cosine))),
-        2 * np.pi / T,
-        dict(trajectory.parameters),
-        "integration",
-        closure,
-        f"last period before {end:g} s ({trajectory.method}); its ends differ by {closure:.1g} of the range",
+        system=system.name,
+        coordinates=trajectory.coordinates,
+        units=trajectory.units,
+        coefficients=fourier.shift(c, float(np.arctan2(sine, cosine))),
+        omega=2 * np.pi / T,
+        parameters=dict(trajectory.parameters),
+        method="integration",
+        residual=closure,
+        status=f"last period before {end:g} s ({trajectory.method}); its ends differ by {closure:.1g} of the range",
     )

@@ -91,14 +91,14 @@ def simulate_ramp(
     P = np.repeat(p[:, None], count + 1, axis=1)
     P[place] = values[: count + 1]
     return Trajectory(
-        system.name,
-        system.coordinate_names,
-        tuple(c.unit for c in system.coordinates),
-        np.asarray(h * np.arange(count + 1), dtype=float),
-        states[:, : system.n].copy(),
-        velocities(system, states, P),
-        dict(system.values),
-        f"rk4, step {h:g} s, {parameter} changing by {rate:g} per second",
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=tuple(c.unit for c in system.coordinates),
+        t=np.asarray(h * np.arange(count + 1), dtype=float),
+        q=states[:, : system.n].copy(),
+        v=velocities(system, states, P),
+        parameters=dict(system.values),
+        method=f"rk4, step {h:g} s, {parameter} changing by {rate:g} per second",
     )
 
 

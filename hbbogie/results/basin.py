@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 OUTCOMES = ("rest", "cycle", "undecided")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Basin:
     """How motions from many initial states end, over the values of a parameter.
 
@@ -112,23 +112,23 @@ class Basin:
         get = {key: data[key].values for key in (*data.data_vars, name, "factor")}
         units = [str(data[key].attrs["units"]) for key in (name, "amplitude")]
         return Basin(
-            str(about["system"]),
-            name,
-            units[0],
-            get[name],
-            str(about["coordinate"]),
-            units[1],
-            get["factor"],
-            get["amplitude"],
-            str(about["direction"]),
-            get["outcome"].astype(str),
-            get["time"],
-            get["reached"],
-            get["reason"].astype(str),
-            get["unstable"],
-            get["stable"],
-            json.loads(about["parameters"]),
-            tuple(json.loads(about["notes"])),
+            system=str(about["system"]),
+            parameter=name,
+            parameter_unit=units[0],
+            values=get[name],
+            coordinate=str(about["coordinate"]),
+            unit=units[1],
+            factors=get["factor"],
+            amplitudes=get["amplitude"],
+            direction=str(about["direction"]),
+            outcome=get["outcome"].astype(str),
+            time=get["time"],
+            reached=get["reached"],
+            reason=get["reason"].astype(str),
+            unstable=get["unstable"],
+            stable=get["stable"],
+            parameters=json.loads(about["parameters"]),
+            notes=tuple(json.loads(about["notes"])),
         )
 
     def save(self, path: str | Path) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CriticalCurve:
     """A curve of folds or of Hopf points over a second parameter, in the order of its arclength.
 
@@ -64,7 +64,7 @@ class CriticalCurve:
         return float(self.over_values.min()), float(self.over_values.max())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ChartPoint:
     """A point of a chart at which something changes.
 
@@ -88,7 +88,7 @@ class ChartPoint:
     status: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Chart:
     """Curves of folds and of Hopf points in the plane of two parameters.
 

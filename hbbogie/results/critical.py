@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hbbogie.results.orbit import Orbit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Critical:
     """A critical value of a parameter.
 

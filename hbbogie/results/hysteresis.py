@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Passage:
     """A motion while a parameter changes at a constant rate.
 
@@ -39,7 +39,7 @@ class Passage:
     status: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Hysteresis:
     """Motions while a parameter falls and rises at several rates.
 

@@ -263,17 +263,17 @@ def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
             )
         orbits.append(
             Orbit(
-                str(data.attrs["system"]),
-                coordinates,
-                units,
-                fourier.resize(get["coefficients"][i], int(get["highest_harmonic"][i])),
-                float(get["omega"][i]),
-                dict(zip(names, map(float, get["parameters"][i]), strict=True)),
-                str(data[prefix + "method"].values[i]),
-                float(data[prefix + "residual"].values[i]),
-                str(data[prefix + "status"].values[i]),
-                stability,
-                json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
+                system=str(data.attrs["system"]),
+                coordinates=coordinates,
+                units=units,
+                coefficients=fourier.resize(get["coefficients"][i], int(get["highest_harmonic"][i])),
+                omega=float(get["omega"][i]),
+                parameters=dict(zip(names, map(float, get["parameters"][i]), strict=True)),
+                method=str(data[prefix + "method"].values[i]),
+                residual=float(data[prefix + "residual"].values[i]),
+                status=str(data[prefix + "status"].values[i]),
+                stability=stability,
+                errors=json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
             )
         )
     return orbits

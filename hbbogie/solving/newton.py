@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -86,17 +87,31 @@ class Problem:
         Values of all parameters; those of the free ones are where the search begins.
     target : float, unit of the coordinate
         The prescribed first-harmonic amplitude.
+    bounds : sequence of (float, float), optional
+        Of the free parameters; by default their own, and no farther than `FARTHEST` from where the search begins.
     """
 
-    def __init__(self, equations: Equations, conditions: Conditions, p: Array, target: float = 0.0):
+    def __init__(
+        self,
+        equations: Equations,
+        conditions: Conditions,
+        p: Array,
+        target: float = 0.0,
+        *,
+        bounds: Sequence[tuple[float, float]] | None = None,
+    ):
         self.equations, self.conditions, self.p, self.target = equations, conditions, p, target
         self.free = list(conditions.free)
-        bounds = [equations.system.parameters[i].bounds for i in self.free]
         size = np.where(p[self.free] == 0, 1.0, np.abs(p[self.free]))
         self.scale = np.concatenate([equations.scale, size])
-        reach = FARTHEST * size  # a free parameter that goes on for ever is no answer either
-        self.lower = np.concatenate([equations.lower, np.maximum([b[0] for b in bounds], p[self.free] - reach)])
-        self.upper = np.concatenate([equations.upper, np.minimum([b[1] for b in bounds], p[self.free] + reach)])
+        low, high = np.reshape(bounds or [equations.system.parameters[i].bounds for i in self.free], (-1, 2)).T
+        if bounds is None:  # a free parameter that goes on for ever is no answer either
+            low, high = (
+                np.maximum(low, p[self.free] - FARTHEST * size),
+                np.minimum(high, p[self.free] + FARTHEST * size),
+            )
+        self.lower = np.concatenate([equations.lower, low])
+        self.upper = np.concatenate([equations.upper, high])
         self.row_scale = equations.residual_scale
         self.rows = equations.rows
         if conditions.amplitude is not None:

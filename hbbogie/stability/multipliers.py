@@ -113,7 +113,7 @@ def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
     odd = fourier.is_odd(orbit.coefficients)
     if orbit.H == 0:
         why = "the orbit is an equilibrium"
-    elif not (system.odd or (odd and is_odd(system.with_parameters(**orbit.parameters), spread=0.0))):
+    elif not (system.odd or (odd and is_odd(system.dynamics, system.vector(**orbit.parameters)))):
         why = f"the system {system.name!r} is not odd"
     elif not odd:
         why = "the orbit has a mean or even harmonics"

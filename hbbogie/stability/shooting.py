@@ -50,7 +50,7 @@ def field_of(system: System) -> list[ca.Function]:
 
 def _field(system: System) -> list[ca.Function]:
     q, v, lines, p, velocity, rates, contacts = on_lines(system)
-    x = state_of(system, q, v)
+    x = state_of(system.dynamics, q, v)
     u = ca.vertcat(*(e.argument(q, velocity, p) for e in contacts)) if contacts else ca.SX(0, 1)
     outputs = {"rates": rates, "arguments": ca.densify(u)}
     return [ca.Function(k, [x, lines, p], [f, ca.densify(ca.jacobian(f, x))]) for k, f in outputs.items()]

@@ -63,13 +63,13 @@ def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, 
         i = 2 * contacts.index(e) if e in contacts else None
         forces.append(e.force(u, p) if i is None else lines[i] * u + lines[i + 1])
     r = system.residual_with_forces(q, v, a, ca.vertcat(*forces), p)
-    rates = solved_rates(system, r, v, a)
+    rates = solved_rates(system.dynamics, r, v, a)
     return q, v, lines, p, rates[:n], rates, contacts
 
 
 def _model(system: System) -> _Model:
     q, v, lines, p, velocity, rates, contacts = on_lines(system)
-    x = state_of(system, q, v)
+    x = state_of(system.dynamics, q, v)
     A = ca.jacobian(rates, x)
     varying = sorted(set(ca.Function("A", [x, lines, p], [A]).jac_sparsity(0, 0).get_col()))
     u = ca.vertcat(*(e.argument(q, v, p) for e in contacts)) if contacts else ca.SX(0, 1)

@@ -9,7 +9,6 @@ import pytest
 
 import hbbogie as hb
 from hbbogie import ModelError
-from hbbogie.branches import backwards
 
 
 class TestHopfPoints:
@@ -196,7 +195,7 @@ class TestFindCycles:
         system = hb.System("stop", [x], [d], [x.ddot + d * x.dot + stop + x], [stop])
         there = hb.simulate(system, {"x": 1.0}, 5.0)
         end = {"x": float(there.q[-1, 0]), "x'": -float(there.v[-1, 0])}
-        back = hb.simulate(backwards(system), end, 5.0)
+        back = hb.simulate(system.backwards(), end, 5.0)
         assert there.q[-1, 0] != pytest.approx(1.0, rel=0.1)
         assert back.q[-1, 0] == pytest.approx(1.0, rel=1e-6) and back.v[-1, 0] == pytest.approx(0.0, abs=1e-6)
 

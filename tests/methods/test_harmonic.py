@@ -279,14 +279,27 @@ def test_odd_harmonics_cannot_be_forced_on_a_system_that_is_not_odd():
         hb.HarmonicBalance(5, odd=True).equations(system.with_parameters(e=0.1))
 
 
-def test_a_gap_at_infinity_is_named():
+def test_a_spring_of_no_stiffness_is_not_there():
+    """What is left is van der Pol's oscillator, whose period is known."""
     x, k = hb.Coordinate("x"), hb.Parameter("k", 0.0)
     limit = hb.Element("limit", hb.model.Saturation(k, 1.0), x)
     system = hb.System("s", [x], [k], [x.ddot - (1 - x**2) * x.dot + x + limit], [limit])
-    with pytest.raises(ModelError, match=r"'limit' \(Saturation\): its gaps are inf"):
-        hb.find_cycles(system)
+    (cycle,) = hb.find_cycles(system)
+    assert cycle.period == pytest.approx(6.66328685932313019, rel=1e-6)
     (cycle,) = hb.find_cycles(system, k=1.0)
     assert cycle.stability.verdict == "stable"
+
+
+def test_a_gap_at_infinity_is_named():
+    class Stop(hb.model.PiecewiseLinear):
+        def ramps(self):
+            return hb.model.Ramps(((1, 1.0, 1 / k), (-1, 1.0, 1 / k)))
+
+    x, k = hb.Coordinate("x"), hb.Parameter("k", 0.0)
+    stop = hb.Element("stop", Stop(), x)
+    system = hb.System("s", [x], [k], [x.ddot - (1 - x**2) * x.dot + x + stop], [stop])
+    with pytest.raises(ModelError, match=r"'stop' \(Stop\): its gaps are inf"):
+        hb.HarmonicBalance(5).equations(system)
 
 
 class TestOddAtThePresentValuesOnly:

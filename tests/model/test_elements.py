@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -26,9 +27,15 @@ def test_saturation_of_a_falling_line():
 
 
 @pytest.mark.parametrize("stiffness", [0, 0.0])
-def test_saturation_without_stiffness_is_refused(stiffness):
-    with pytest.raises(hb.ModelError, match="its limit is never reached"):
-        hb.model.Saturation(stiffness, 1.0)
+def test_saturation_without_stiffness_is_no_force(stiffness):
+    assert _force(hb.model.Saturation(stiffness, 1.0), (-3, -0.25, 0.5, 9)) == [0, 0, 0, 0]
+
+
+def test_saturation_without_stiffness_has_a_slope_in_it():
+    """The derivative of clip(k u, -1, 1) with respect to k at k = 0 is u."""
+    k = ca.SX.sym("k")
+    slope = ca.Function("slope", [k], [ca.jacobian(hb.model.Saturation(k, 1.0).force(2.5), k)])
+    assert float(slope(0.0)) == 2.5
 
 
 def test_tabulated_goes_through_its_points_and_on():
@@ -85,3 +92,29 @@ def test_wrong_tables_are_refused(u, forces):
 def test_a_law_needs_a_force():
     with pytest.raises(hb.ModelError, match="no method force"):
         hb.Element("spring", 3.0, hb.Coordinate("x"))
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (lambda m: m.DeadBand(1.0, -0.1), "DeadBand: gap is -0.1; give a finite number, 0 or more"),
+        (lambda m: m.Backlash(1.0, -0.1), "Backlash: gap"),
+        (lambda m: m.Saturation(1.0, -2.0), "Saturation: limit"),
+        (lambda m: m.Friction(1.0, 0.0), "Friction: width is 0; give a finite number above 0"),
+        (lambda m: m.DeadBand("5", 0.1), "DeadBand: stiffness: got '5'"),
+        (lambda m: m.DeadBand(True, 0.1), "DeadBand: stiffness: got True"),
+        (lambda m: m.Cubic(None), "Cubic: coefficient: got None"),
+        (lambda m: m.Cubic(float("nan")), "Cubic: coefficient is nan"),
+        (lambda m: m.Step(lambda: 1.0), "Step: height"),
+        (lambda m: m.CoulombFriction([1.0]), "CoulombFriction: limit: got an object of type list"),
+        (lambda m: m.Friction(ca.MX.sym("f"), 0.1), "casadi.MX cannot be used"),
+        (lambda m: m.Polynomial(3.0), "Polynomial: coefficients: got 3.0; give a list"),
+        (lambda m: m.Polynomial(["1"]), "Polynomial: coefficients, place 1: got '1'"),
+        (lambda m: m.Tabulated("01", "01"), "Tabulated: u: got '01'"),
+        (lambda m: m.Tabulated([0.0, True], [0.0, 1.0]), "Tabulated: u, place 2: got True"),
+        (lambda m: m.Tabulated([0.0, ca.SX.sym("a")], [0.0, 1.0]), "abscissae must be numbers"),
+    ],
+)
+def test_arguments_of_laws(law, said):
+    with pytest.raises(hb.ModelError, match=said):
+        law(hb.model)

@@ -71,9 +71,9 @@ def test_solutions_satisfy_the_equations_of_motion(bogie, balance, guess):
 
 def test_the_solver_is_built_once(balance, guess):
     hb.solve(balance, guess, method="ipopt", V=120.0)
-    before = set(balance.built)
+    before = set(balance.once)
     hb.solve(balance, guess, method="ipopt", V=121.0)
-    assert set(balance.built) == before
+    assert set(balance.once) == before
 
 
 class TestFailures:

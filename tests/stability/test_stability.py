@@ -213,9 +213,9 @@ def test_an_orbit_that_is_no_equilibrium_is_not_judged() -> None:
 
 def test_a_second_speed_builds_nothing(yang: System, hunting: Orbit) -> None:
     floquet(yang, hunting, steps=512)
-    built = set(yang._built)
+    built = set(yang.dynamics.once)
     floquet(yang, hunting.replace(parameters=hunting.parameters | {"V": 91.0}), steps=512)
-    assert set(yang._built) == built
+    assert set(yang.dynamics.once) == built
 
 
 def test_wrong_input_is_refused(yang: System, hunting: Orbit) -> None:

@@ -115,9 +115,9 @@ def test_order_of_contacts_is_corrected(bogie, balance, cycles_at_90) -> None:
 
 def test_functions_are_built_once(bogie, cycles_at_90) -> None:
     verify(bogie, cycles_at_90[-1])
-    built = set(bogie._built)
+    built = set(bogie.dynamics.once)
     verify(bogie, cycles_at_90[0])
-    assert set(bogie._built) == built
+    assert set(bogie.dynamics.once) == built
 
 
 def test_van_der_pol(van_der_pol) -> None:

@@ -1,0 +1,63 @@
+"""What counts as a scalar in a model, and what is said to anything else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hbbogie.errors import ModelError, as_number
+
+
+def as_expression(what: str, given: Any) -> ca.SX:
+    """Return a scalar expression or a number as an expression; raise `ModelError` for anything else."""
+    if isinstance(given, ca.SX | ca.DM):
+        if given.is_scalar():
+            return ca.SX(given)
+        raise ModelError(f"{what}: got an expression of shape {given.shape}; give a scalar one.")
+    if isinstance(given, float) or not np.isnan(as_number(given)):
+        return ca.SX(float(given))
+    if isinstance(given, ca.MX):
+        hint = " Symbols of casadi.MX cannot be used, take those of Coordinate and Parameter."
+    elif isinstance(given, bool | np.bool_):
+        hint = " A condition on a coordinate is written casadi.if_else(condition, then, otherwise)."
+    elif isinstance(given, str):
+        hint = " Leave out the quotes."
+    elif callable(given):
+        hint = " Call the function, and give what it returns."
+    else:
+        hint = ""
+    raise ModelError(
+        f"{what}: got {told(given)}; give a scalar expression of coordinates and parameters, or a number.{hint}"
+    )
+
+
+def told(thing: Any) -> str:
+    """Return what was given, short: plain things as they are written, of others the type."""
+    plain = isinstance(thing, str | int | float | bool | np.bool_ | None)
+    return f"{thing!r}" if plain else f"an object of type {type(thing).__name__}"
+
+
+def check_scalars(law: Any, not_negative: str = "", above_zero: str = "") -> None:
+    """Raise `ModelError` unless all fields of a law are scalars; where they are numbers, of the sign asked for."""
+    for field in fields(law):
+        what = f"{type(law).__name__}: {field.name}"
+        constant = as_expression(what, getattr(law, field.name))
+        if not constant.is_constant():
+            continue
+        number = float(constant)
+        wrong = (field.name == not_negative and number < 0) or (field.name == above_zero and number <= 0)
+        if wrong or not np.isfinite(number):
+            allowed = {not_negative: ", 0 or more", above_zero: " above 0"}.get(field.name, "")
+            raise ModelError(f"{what} is {number:g}; give a finite number{allowed}.")
+
+
+def check_list(what: str, given: Any) -> None:
+    """Raise `ModelError` unless a field of a law is a list of scalars."""
+    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray):
+        raise ModelError(f"{what}: got {told(given)}; give a list of numbers.")
+    for i, value in enumerate(given):
+        as_expression(f"{what}, place {i + 1}", value)
