@@ -26,7 +26,7 @@ WIDEST_TURN = 0.97  # cosine of the largest angle between successive tangents
 ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another curve
 CAREFUL = 1e-3  # longest step that may lead to an end: longer ones may have jumped over what lies before it
 CROSSING = 1e-4  # longest step across a branch point: longer ones may have jumped to another curve
-CONTRACTION = 0.5  # largest ratio of successive corrections in a step that is not short
+CONTRACTION = 1.0  # of successive corrections in a step that is not short: those that grow lead to another curve
 FARTHEST = 2.0  # largest correction of an unknown, scaled: beyond lies another curve or nonsense
 ALIKE = 0.9  # cosine of the angle between the tangents up to which a curve may close
 

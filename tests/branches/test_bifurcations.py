@@ -416,7 +416,7 @@ class TestFlatStretches:
         system = System("FitzHugh-Nagumo", [v, w], [current], equations)
         (hopf,) = hb.hopf_points(system, "I", (0.0, 0.4))
         branch = hb.trace(
-            HarmonicBalance(100).equations(system), hopf, "I", (0.32, 0.34), stability=False, max_points=50
+            HarmonicBalance(100).equations(system), hopf, "I", (0.32, 0.34), stability=False, max_points=60
         )
         (fold,) = branch.folds()
         assert fold.value == pytest.approx(min(branch.values), abs=1e-12)
