@@ -154,6 +154,10 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
             lost += 1
             continue
         branch = replace(branch, turns=turns(rest, box, branch))
+        twin = next((k for k, other in enumerate(branches) if _same(curve, other, branch)), None)
+        if twin is not None:  # one of them ended early
+            branches[twin] = max(branches[twin], branch, key=lambda b: b.length)
+            continue
         branches.append(branch)
         for turn in branch.turns if switching else ():
             queue += crossing(rest, box, branch, turn)
@@ -162,6 +166,12 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
     if lost:
         notes.append(f"{lost} equilibria found could not be followed: the equations are singular there")
     return branches
+
+
+def _same(curve: RestCurve, a: RestBranch, b: RestBranch) -> bool:
+    """Tell whether two branches are one: whether one passes through two points of the other."""
+    short, long = sorted((a, b), key=lambda branch: branch.length)
+    return all(long.passes(curve, short.u[(len(short.u) * k) // 3]) for k in (1, 2))
 
 
 def _family(rest: Rest, box: Box, roots: Array, state: Array) -> Level | None:

@@ -106,6 +106,11 @@ class RestBranch:
     ends: tuple[Ending, Ending]
     turns: tuple[Turn, ...] = ()
 
+    @property
+    def length(self) -> float:
+        """Length of the curve in the interval of the parameter, each part counted, unit of the parameter."""
+        return float(np.abs(np.diff(self.u[:, -1])).sum())
+
     def passes(self, curve: RestCurve, u: Array) -> bool:
         """Tell whether the branch passes through an equilibrium."""
         scaled = np.maximum(self.scale, curve.scale) * np.where(curve.weights, 1.0, np.inf)
@@ -177,6 +182,8 @@ def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]]
                 return [*found, found[0]], CLOSED, curve.scale
             why, curve = GROWN, RestCurve(rest, box, curve.scale, None, start.u)
         if why is not GROWN:
+            if why.kind == "interval":
+                found = _to_the_end(curve, found)
             return _inside(curve, found, _reason(rest, curve, points[-1], why))
         n = rest.system.n
         scale = curve.scale.copy()
@@ -190,6 +197,21 @@ def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]]
     largest = int(np.argmax(np.abs(found[-1][0][: rest.system.n]) / box.scale[: rest.system.n]))
     beyond = f"{rest.system.coordinate_names[largest]} goes beyond {found[-1][0][largest]:.2g}"
     return found, Ending("beyond", beyond), curve.scale
+
+
+def _to_the_end(curve: RestCurve, found: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    """Return a branch with a last point as near the end of the interval as can be: a branch point may lie there."""
+    (u, t), m = found[-1], curve.rest.m
+    limit = curve.window[m][0 if t[-1] < 0 else 1]
+    if u[-1] == limit or t[-1] == 0:
+        return found
+    for share in (1.0, 1 - 1e-6, 1 - 1e-3, 0.9):
+        guess = u + share * (limit - u[-1]) / t[-1] * t
+        point, _ = correct(curve, guess, np.eye(m + 1)[-1])
+        if point is not None:
+            along = np.sign((point.tangent * curve.weights) @ (t / curve.scale)) or 1.0
+            return [*found, (point.u, along * curve.scale * point.tangent)]
+    return found
 
 
 def _inside(

@@ -90,6 +90,13 @@ class TestEquilibria:
         half = radius * np.sqrt(0.75)
         assert values(found.special("hopf")) == pytest.approx([0.37 - half, 0.37 + half], abs=1e-10)
 
+    def test_a_branch_point_at_the_end_of_the_interval(self):
+        """The circuit of Freire and others: its pitchfork lies at v = -0.5, where the interval ends."""
+        module = hb.load_problem("circuit")
+        points = hb.hopf_points(module.circuit(**module.SYMMETRIC), "v", (-0.7, -0.5))
+        assert len(points) == 1
+        assert len(hb.find_equilibria(module.circuit(**module.SYMMETRIC), "v", (-0.7, -0.5))) == 2
+
     def test_one_turn_of_an_angle(self):
         """A pendulum under a constant torque p = sin(x): one fold at p = 1, not one for every turn."""
         x, p = C("x", "rad"), P("p", 0.3)
