@@ -93,8 +93,8 @@ def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: C
 
 def _refuse(nominal: Outcome, keep: Store) -> None:
     """Raise `ModelError` where the nominal point shows that the job does not fit: it would fail at every point."""
-    kind, _, reason = nominal.status.partition(": ")
-    if nominal.failed and kind == ModelError.__name__:
+    if nominal.error == ModelError.__name__:
+        reason = nominal.status.removeprefix(f"{nominal.error}: ")
         raise ModelError(f"the job cannot be done at the nominal point: {reason}")
     check_outputs(nominal.outputs, keep.about()["parameters"])
 

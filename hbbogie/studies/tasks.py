@@ -156,6 +156,8 @@ class Outcome:
         Time it took.
     worker : str
         Host and process that computed it.
+    error : str
+        Name of the exception that ended it; empty where none did, and in an outcome read from a store.
     """
 
     point: int
@@ -164,11 +166,12 @@ class Outcome:
     failed: bool
     seconds: float
     worker: str
+    error: str = ""
 
 
-def failure(point: int, reason: str, seconds: float = float("nan"), worker: str = "") -> Outcome:
+def failure(point: int, reason: str, seconds: float = float("nan"), worker: str = "", error: str = "") -> Outcome:
     """Return the outcome of a point that has no answer."""
-    return Outcome(point, {}, _encodable(reason), True, seconds, worker)
+    return Outcome(point, {}, _encodable(reason), True, seconds, worker, error)
 
 
 def _encodable(text: str) -> str:
@@ -230,7 +233,8 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float], st
             raise KeyboardInterrupt from error
         # of the first line only: CasADi adds its call stack
         reason = str(error).strip().partition("\n")[0] or "no message"
-        return failure(point, f"{type(error).__name__}: {reason}", time.perf_counter() - start, worker)
+        kind = type(error).__name__
+        return failure(point, f"{kind}: {reason}", time.perf_counter() - start, worker, kind)
     return Outcome(point, outputs, status, failed, time.perf_counter() - start, worker)
 
 
