@@ -106,10 +106,8 @@ class Problem:
         self.scale = np.concatenate([equations.scale, size])
         low, high = np.full((2, len(self.free)), [[-np.inf], [np.inf]])
         if bounded:  # a free parameter that goes on for ever is no answer either
-            own, reach = (
-                np.reshape([equations.system.parameters[i].bounds for i in self.free], (-1, 2)),
-                FARTHEST * size,
-            )
+            own = np.reshape([equations.system.parameters[i].bounds for i in self.free], (-1, 2))
+            reach = FARTHEST * size
             low, high = np.maximum(own[:, 0], p[self.free] - reach), np.minimum(own[:, 1], p[self.free] + reach)
         self.lower = np.concatenate([equations.lower, low])
         self.upper = np.concatenate([equations.upper, high])
