@@ -44,8 +44,7 @@ class CycleCurve:
         families: bool = True,
     ):
         place = equations.system.parameter_names.index(parameter)
-        self.problem = Problem(equations, Conditions((place,)), p)
-        self.problem.lower[-1], self.problem.upper[-1] = -np.inf, np.inf  # the window bounds it
+        self.problem = Problem(equations, Conditions((place,)), p, bounded=False)  # the window bounds it
         self.equations, self.parameter, self.families = equations, parameter, families
         self.scale = np.append(equations.scale, (interval[1] - interval[0]) / 4)
         self.weights, self.window = np.ones(len(self.scale)), {equations.size: interval}

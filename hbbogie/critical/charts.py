@@ -297,9 +297,7 @@ class _Search:
     def _special(self, curve: str, found: Followed) -> list[ChartPoint]:
         special = []
         for kind, point, state in found.marks:
-            name = kind
-            if kind == "onset":
-                name = "onset changes" if state.grazing else "Bautin point"
+            name = kind if kind != "onset" else "onset changes" if state.grazing else "Bautin point"
             omega, value, over = self._rounded(plane(found.curve, point))
             text = f"{MEANING[name].format(self.names[1])}; residual {point.error:.1e}"
             at = {"value": float(value), "over_value": float(over), "omega": float(omega)}
@@ -329,9 +327,8 @@ def _shown(unit: str) -> str:
 
 
 def _direction(onset: float) -> str:
-    if not abs(onset) >= UNDECIDED:
-        return "undecided"
-    return "subcritical" if onset > 0 else "supercritical"
+    side = "subcritical" if onset > 0 else "supercritical"
+    return side if abs(onset) >= UNDECIDED else "undecided"
 
 
 def _gaps(curves: Sequence[CriticalCurve], interval: tuple[float, float]) -> tuple[tuple[float, float], ...]:

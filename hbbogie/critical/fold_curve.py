@@ -55,8 +55,8 @@ class FoldCurve:
     ):
         self.equations, self.names, self.tolerance = equations, names, tolerance
         places = tuple(equations.system.parameter_names.index(name) for name in names)
-        self.problem, self.m = Problem(equations, Conditions(places), p), equations.size
-        self.problem.lower[self.m :], self.problem.upper[self.m :] = -np.inf, np.inf  # the window bounds them
+        self.problem = Problem(equations, Conditions(places), p, bounded=False)  # the window bounds them
+        self.m = equations.size
         m, self.rows = self.m, equations.residual_scale
         self.size = np.concatenate([equations.scale, [(high - low) / 4 for low, high in (span, interval)]])
         self.scale = np.concatenate([self.size, np.ones(m)])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -15,11 +14,9 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
+from hbbogie.model.system import System
 from hbbogie.once import Once
 from hbbogie.results import Orbit
-
-if TYPE_CHECKING:
-    from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
 RESTING = 1e-6  # share of the largest first harmonic up to which a coordinate does not set the phase

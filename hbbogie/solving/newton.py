@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -87,8 +86,9 @@ class Problem:
         Values of all parameters; those of the free ones are where the search begins.
     target : float, unit of the coordinate
         The prescribed first-harmonic amplitude.
-    bounds : sequence of (float, float), optional
-        Of the free parameters; by default their own, and no farther than `FARTHEST` from where the search begins.
+    bounded : bool
+        Whether the free parameters keep to their bounds, and within `FARTHEST` of where the search begins; False where
+        something else bounds them.
     """
 
     def __init__(
@@ -98,18 +98,17 @@ class Problem:
         p: Array,
         target: float = 0.0,
         *,
-        bounds: Sequence[tuple[float, float]] | None = None,
+        bounded: bool = True,
     ):
         self.equations, self.conditions, self.p, self.target = equations, conditions, p, target
         self.free = list(conditions.free)
         size = np.where(p[self.free] == 0, 1.0, np.abs(p[self.free]))
         self.scale = np.concatenate([equations.scale, size])
-        low, high = np.reshape(bounds or [equations.system.parameters[i].bounds for i in self.free], (-1, 2)).T
-        if bounds is None:  # a free parameter that goes on for ever is no answer either
-            low, high = (
-                np.maximum(low, p[self.free] - FARTHEST * size),
-                np.minimum(high, p[self.free] + FARTHEST * size),
-            )
+        low, high = np.full((2, len(self.free)), [[-np.inf], [np.inf]])
+        if bounded:  # a free parameter that goes on for ever is no answer either
+            own = np.reshape([equations.system.parameters[i].bounds for i in self.free], (-1, 2))
+            reach = FARTHEST * size
+            low, high = np.maximum(own[:, 0], p[self.free] - reach), np.minimum(own[:, 1], p[self.free] + reach)
         self.lower = np.concatenate([equations.lower, low])
         self.upper = np.concatenate([equations.upper, high])
         self.row_scale = equations.residual_scale
