@@ -13,7 +13,7 @@ from hbbogie import fourier
 from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
-from hbbogie.solving.arclength import Point
+from hbbogie.solving.curve import Point
 from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.variation import Waveform
 

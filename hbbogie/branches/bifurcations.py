@@ -14,7 +14,8 @@ from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.switching import asymmetric, crossing, doubled
 from hbbogie.results import Orbit, SpecialPoint
-from hbbogie.solving.arclength import Point, distance, located
+from hbbogie.solving.arclength import distance, located
+from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 

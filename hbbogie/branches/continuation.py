@@ -20,7 +20,8 @@ from hbbogie.model.ranges import check_interval
 from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import Point, point_at, walk
+from hbbogie.solving.arclength import point_at, walk
+from hbbogie.solving.curve import Point
 from hbbogie.solving.solvers import solve
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.equilibria.normal_form import first_lyapunov
 from hbbogie.model.system import System
 from hbbogie.results import SpecialPoint
-from hbbogie.solving.arclength import Point
+from hbbogie.solving.curve import Point
 
 
 def onset(hopf: SpecialPoint, system: System, points: list[Point]) -> SpecialPoint:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
-from hbbogie.solving.arclength import Dense, Point
+from hbbogie.solving.curve import Dense, Point
 from hbbogie.solving.newton import Conditions, Problem
 
 Array = NDArray[np.float64]

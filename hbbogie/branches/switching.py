@@ -12,7 +12,8 @@ from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import Point, correct
+from hbbogie.solving.arclength import correct
+from hbbogie.solving.curve import Point
 from hbbogie.stability.hill_method import null_mode
 
 Array = NDArray[np.float64]

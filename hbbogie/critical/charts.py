@@ -25,7 +25,7 @@ from hbbogie.progress import Progress, silent
 from hbbogie.results import Chart, ChartPoint, CriticalCurve, SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES
-from hbbogie.solving.arclength import Point
+from hbbogie.solving.curve import Point
 from hbbogie.units import label
 
 Array = NDArray[np.float64]

@@ -14,7 +14,8 @@ from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import Dense, Point, correct
+from hbbogie.solving.arclength import correct
+from hbbogie.solving.curve import Dense, Point
 from hbbogie.solving.newton import Conditions, Problem
 from hbbogie.solving.solvers import solve
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from hbbogie.results import SpecialPoint
 from hbbogie.results.ending import Ending
-from hbbogie.solving.arclength import Point, distance, landing, located, walk
+from hbbogie.solving.arclength import distance, landing, located, walk
+from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 Test = Callable[[Any, Point], float]

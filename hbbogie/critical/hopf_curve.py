@@ -14,7 +14,8 @@ from hbbogie.model.system import System
 from hbbogie.results import SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import Dense, Point, correct
+from hbbogie.solving.arclength import correct
+from hbbogie.solving.curve import Dense, Point
 
 Array = NDArray[np.float64]
 SLOWEST = 1e-3  # share of the first frequency at which a curve ends

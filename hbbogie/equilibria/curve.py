@@ -12,7 +12,8 @@ from hbbogie.equilibria.rest import Rest
 from hbbogie.equilibria.search import Box
 from hbbogie.model.singular import singular_terms
 from hbbogie.results.ending import Ending
-from hbbogie.solving.arclength import Dense, Point, correct, landing, walk
+from hbbogie.solving.arclength import correct, landing, walk
+from hbbogie.solving.curve import Dense, Point
 
 Array = NDArray[np.float64]
 STEP, LONGEST, MOST = 0.02, 0.1, 400  # in scaled arclength

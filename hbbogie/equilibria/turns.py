@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from hbbogie.equilibria.curve import RestBranch, RestCurve, Turn, scaled_step
 from hbbogie.equilibria.rest import Rest
 from hbbogie.equilibria.search import Box
-from hbbogie.solving.arclength import Point, correct, located
+from hbbogie.solving.arclength import correct, located
+from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 OFF = (0.01, 0.03, 0.003, 0.1)  # distances at which a crossing branch is looked for

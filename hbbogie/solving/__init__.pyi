@@ -1,8 +1,11 @@
-from .arclength import Curve as Curve
-from .arclength import Dense as Dense
-from .arclength import Linearised as Linearised
-from .arclength import Point as Point
+from .arclength import landing as landing
+from .arclength import located as located
+from .arclength import point_at as point_at
 from .arclength import walk as walk
+from .curve import Curve as Curve
+from .curve import Dense as Dense
+from .curve import Linearised as Linearised
+from .curve import Point as Point
 from .expressions import Cycle as Cycle
 from .expressions import CycleFunction as CycleFunction
 from .expressions import CycleLimit as CycleLimit

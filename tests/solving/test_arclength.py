@@ -13,8 +13,7 @@ import xarray as xr
 import hbbogie as hb
 from hbbogie import Coordinate, HarmonicBalance, Parameter, System
 from hbbogie.results import Ending
-from hbbogie.solving import Dense, Point, walk
-from hbbogie.solving.arclength import landing, located, point_at
+from hbbogie.solving import Dense, Point, landing, located, point_at, walk
 
 
 @dataclass

@@ -1,0 +1,137 @@
+"""What a curve of solutions has to give for `walk` to follow it: its equations, linearised, at a point.
+
+Where the derivative is a full matrix, `Dense` does the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
+
+from hbbogie.results.ending import Ending
+
+Array = NDArray[np.float64]
+
+
+class Linearised(Protocol):
+    """The equations of a curve at a point with their derivative J, shape (n, n + 1), in scaled unknowns."""
+
+    @property
+    def residual(self) -> Array:
+        """Residual of each equation, scaled, shape (n,)."""
+
+    def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
+        """Solve the equations bordered by one more row.
+
+        Parameters
+        ----------
+        plane : ndarray, shape (n + 1,)
+        right : ndarray, shape (n + 1,)
+
+        Returns
+        -------
+        x : ndarray, shape (n + 1,)
+            With J x = right[:-1] and plane . x = right[-1].
+        sign : float
+            Of det [J; plane]; 0 where it is not known.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the matrix is singular.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Linearised equations whose derivative is a full matrix.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n,)
+    jacobian : ndarray, shape (n, n + 1)
+        Both scaled.
+    """
+
+    residual: Array
+    jacobian: Array
+
+    def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
+        """Solve the bordered equations by LU factorisation, see `Linearised`."""
+        lu, pivots, x, singular = dgesv(np.vstack([self.jacobian, plane]), right)
+        if singular:
+            raise np.linalg.LinAlgError("the bordered Jacobian is singular")
+        swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
+        return x, float((-1) ** swaps * np.prod(np.sign(np.diag(lu))))
+
+
+class Curve(Protocol):
+    """A curve: implement these, and `walk` follows it.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (n + 1,)
+        Typical size of each unknown.
+    weights : ndarray, shape (n + 1,)
+        Of the inner product: 1 for unknowns that count as distance, 0 for those that follow from them.
+    window : dict of int to (float, float)
+        Where the walk ends: limits of some of the unknowns, by their place.
+    tolerance : float
+        Largest scaled residual of a point.
+    """
+
+    scale: Array
+    weights: Array
+    window: dict[int, tuple[float, float]]
+    tolerance: float
+
+    def linearise(self, u: Array) -> Linearised:
+        """Return the equations and their derivative at the unknowns."""
+
+    def settle(self, u: Array) -> None:
+        """Take note of a new point of the curve, such as for a normalisation that moves along."""
+
+    def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
+        """Return why the curve, which has these points, ends before the next one, or None."""
+
+    def at(self, index: int, value: float) -> Ending:
+        """Return the ending at a limit of an unknown."""
+
+    def where(self, u: Array) -> str:
+        """Return what tells people a place on the curve, such as ``V = 90``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point of a curve.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n + 1,)
+        Unknowns.
+    tangent : ndarray, shape (n + 1,)
+        Unit vector along the curve, in scaled unknowns.
+    residual : ndarray, shape (n,)
+        Scaled.
+    orientation : float
+        Sign of det [J; tangent], which changes at branch points only; 0 where it is not known.
+    """
+
+    u: Array
+    tangent: Array
+    residual: Array
+    orientation: float = 0.0
+
+    @property
+    def error(self) -> float:
+        """Largest scaled residual."""
+        return float(np.abs(self.residual).max())
+
+    def turned(self) -> Point:
+        """Return the point with the curve followed the other way."""
+        return replace(self, tangent=-self.tangent, orientation=-self.orientation)
