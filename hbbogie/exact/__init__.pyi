@@ -4,8 +4,6 @@ from .closing import Linearised as Linearised
 from .critical import CriticalValues as CriticalValues
 from .critical import critical_values as critical_values
 from .cycle import ExactCycle as ExactCycle
-from .exponential import exponentials as exponentials
-from .exponential import exponentials_with_derivative as exponentials_with_derivative
 from .folding import Folds as Folds
 from .folding import fold_of as fold_of
 from .folding import gradients as gradients

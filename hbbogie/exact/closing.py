@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.exact.exponential import exponentials_with_derivative
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.sequence import Sequence
+from hbbogie.stability.exponential import exponentials_with_derivative
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.exact.exponential import exponentials
+from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
 
