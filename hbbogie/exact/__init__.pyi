@@ -2,7 +2,9 @@ from .closing import Closing as Closing
 from .closing import Frame as Frame
 from .closing import Linearised as Linearised
 from .critical import CriticalValues as CriticalValues
+from .critical import NominalDesign as NominalDesign
 from .critical import critical_values as critical_values
+from .critical import nominal_design as nominal_design
 from .cycle import ExactCycle as ExactCycle
 from .folding import Folds as Folds
 from .folding import fold_of as fold_of

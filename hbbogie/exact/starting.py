@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
+from hbbogie.exact.batch import Fold
 from hbbogie.exact.closing import Closing, Frame
 from hbbogie.exact.cycle import ExactCycle
 from hbbogie.exact.model import SwitchedLinear, switched_linear
@@ -205,8 +206,8 @@ def _by_rules(closing: Closing, y: Array, free: bool) -> Point | None:
     return None
 
 
-def cycle_of(point: Point) -> ExactCycle:
-    """Return a point of a branch as plain data."""
+def cycle_of(point: Point | Fold) -> ExactCycle:
+    """Return a point of a branch, or the fold of a design, as plain data."""
     closing, y, n = point.closing, point.y, point.closing.n
     sequence, frame, system = closing.sequence, closing.frame, closing.model.system
     p = closing.parameters(y[None])[0]
