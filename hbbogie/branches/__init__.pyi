@@ -9,6 +9,9 @@ from .cycles import ORDERS as ORDERS
 from .cycles import find_cycles as find_cycles
 from .diagram import Curves as Curves
 from .diagram import curves as curves
+from .exact_branch import exact_branch as exact_branch
+from .exact_branch import exact_crossings as exact_crossings
+from .exact_branch import exact_walk as exact_walk
 from .isolated import isolated_branches as isolated_branches
 from .judging import estimate as estimate
 from .judging import judged as judged

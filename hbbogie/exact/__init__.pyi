@@ -23,6 +23,7 @@ from .sequence import Sequence as Sequence
 from .starting import at_grazing as at_grazing
 from .starting import cycle_of as cycle_of
 from .starting import exact_cycle as exact_cycle
+from .starting import orbit_of as orbit_of
 from .starting import settled as settled
 from .walk import Walk as Walk
 from .walk import follow as follow
