@@ -4,6 +4,7 @@ from .closing import Linearised as Linearised
 from .critical import CriticalValues as CriticalValues
 from .critical import NominalDesign as NominalDesign
 from .critical import critical_values as critical_values
+from .critical import fold_near as fold_near
 from .critical import nominal_design as nominal_design
 from .cycle import ExactCycle as ExactCycle
 from .folding import Folds as Folds

@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
-from hbbogie.exact.batch import CHUNK, Fold, Nominal, folds_near
+from hbbogie.exact.batch import CHUNK, Fold, Nominal, Start, folds_near, solve
+from hbbogie.exact.folding import null_vectors
 from hbbogie.exact.hopf import HopfPoints, hopf_of
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.points import Point
-from hbbogie.exact.starting import at_grazing
+from hbbogie.exact.starting import at_grazing, exact_cycle
 from hbbogie.exact.walk import follow
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
+from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
@@ -206,3 +208,32 @@ def _followed(
 def _fold_at(point: Point) -> Fold:
     nominal = Nominal(point)
     return Fold(point.closing, nominal.start, point.value, point.omega, nominal.gradient)
+
+
+def fold_near(system: System, orbit: Orbit, parameter: str) -> Fold:
+    """Return the exact fold, a minimum of the parameter, near that of another method.
+
+    Parameters
+    ----------
+    system : System
+    orbit : Orbit
+        The cycle at the fold.
+    parameter : str
+
+    Raises
+    ------
+    ModelError
+        When the system is not linear between switchings, or the orbit is not one of its cycles.
+    ConvergenceError
+        When no fold is found from there.
+    """
+    point = exact_cycle(system, orbit, parameter, free=True)
+    v, w = null_vectors(point.at)
+    nominal = Nominal(point)
+    found = solve(nominal, nominal.p[None], {0: Start(point.closing.sequence, point.y, v[0], w[0])})
+    if not found:
+        raise ConvergenceError(
+            f"system {system.name!r}: no exact fold was found from the cycle at {parameter} = "
+            f"{orbit.parameters[parameter]:g}; give one with more harmonics."
+        )
+    return found[0]
