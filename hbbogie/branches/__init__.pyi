@@ -1,3 +1,6 @@
+from .closed_form import exact_branch as exact_branch
+from .closed_form import exact_crossings as exact_crossings
+from .closed_form import exact_walk as exact_walk
 from .comparison import Comparison as Comparison
 from .comparison import Followed as Followed
 from .comparison import compare as compare
@@ -9,9 +12,6 @@ from .cycles import ORDERS as ORDERS
 from .cycles import find_cycles as find_cycles
 from .diagram import Curves as Curves
 from .diagram import curves as curves
-from .exact_branch import exact_branch as exact_branch
-from .exact_branch import exact_crossings as exact_crossings
-from .exact_branch import exact_walk as exact_walk
 from .isolated import isolated_branches as isolated_branches
 from .judging import estimate as estimate
 from .judging import judged as judged

@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from hbbogie.branches.closed_form import exact_branch, exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
-from hbbogie.branches.exact_branch import exact_branch, exact_crossings, exact_walk
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.exact.model import switched_linear
