@@ -12,7 +12,8 @@ from hbbogie.model.system import System
 from hbbogie.motion.integration import simulate
 from hbbogie.results import Orbit
 from hbbogie.stability.jumps import passages_along
-from hbbogie.stability.variation import Waveform, check_orbit, mesh_of, product, transitions_over
+from hbbogie.stability.transitions import product, transitions_along
+from hbbogie.stability.variation import Waveform, check_orbit
 from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
@@ -148,8 +149,8 @@ def _shown(mu: complex) -> str:
 def _critical(system: System, cycle: Orbit) -> tuple[complex, Complex, Complex, Array]:
     """Return the critical multiplier, its mode and adjoint mode at t = 0, and the ranges of the states."""
     waveform = Waveform(system, cycle, system.vector(**cycle.parameters))
-    mesh = mesh_of(waveform, None)
-    M = product(passages_along(waveform, mesh).inserted(transitions_over(waveform, mesh)))
+    along = transitions_along(waveform)
+    M = product(passages_along(waveform, along.mesh).inserted(along.matrices))
     values, right = np.linalg.eig(M)
     left = np.linalg.inv(right).conj().T  # columns w with w* M = mu w* and w* v = 1
     trivial = int(np.argmin(np.abs(values - 1)))

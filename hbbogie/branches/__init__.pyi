@@ -1,3 +1,6 @@
+from .closed_form import exact_branch as exact_branch
+from .closed_form import exact_crossings as exact_crossings
+from .closed_form import exact_walk as exact_walk
 from .comparison import Comparison as Comparison
 from .comparison import TracedBranch as TracedBranch
 from .comparison import compare as compare

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
+from hbbogie.branches.closed_form import exact_branch, exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
+from hbbogie.exact.model import switched_linear
 from hbbogie.methods.describing_balance import DescribingFunction
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -24,6 +27,7 @@ from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
 
 TRUTH = "mhb61"
+EXACT = "exact"
 DEFAULT_METHODS = ("df1", "df2", "mhb3", "mhb15")
 
 
@@ -35,17 +39,18 @@ class TracedBranch:
     ----------
     name : str
         Such as "df1" or "mhb15".
-    equations : Equations
     branch : Branch
     building, tracing : float, s
         Time taken to build the equations and to trace the branch.
+    cycles : callable
+        Yields the cycles at a parameter value, each with its part of the branch.
     """
 
     name: str
-    equations: Equations
     branch: Branch
     building: float
     tracing: float
+    cycles: Callable[[float], Iterator[tuple[int, Orbit]]]
 
     @property
     def fold(self) -> float | None:
@@ -57,14 +62,19 @@ class TracedBranch:
 
         Part k lies behind k folds, counted from the Hopf point.
         """
-        parts = _parts(self.branch)
         found: dict[int, tuple[Orbit, float]] = {}
-        for k, part in enumerate(parts):
+        start = time.perf_counter()
+        for part, orbit in self.cycles(value):
+            if part not in found:
+                found[part] = orbit, time.perf_counter() - start
             start = time.perf_counter()
-            orbits = crossings(self.equations, part, value) if len(part) > 1 else []
-            if orbits:
-                found[k] = orbits[0], time.perf_counter() - start
         return found
+
+
+def _cycles(equations: Equations, branch: Branch, value: float) -> Iterator[tuple[int, Orbit]]:
+    for part, piece in enumerate(_parts(branch)):
+        if len(piece) > 1:
+            yield from ((part, orbit) for orbit in crossings(equations, piece, value))
 
 
 def _parts(branch: Branch) -> list[Branch]:
@@ -140,25 +150,46 @@ class Comparison:
 
 
 def method_named(name: str) -> HarmonicBalance | DescribingFunction:
-    """Return the method of a name such as "df1", "df2" or "mhb15"; raise `ModelError` for any other name."""
+    """Return the method of a name such as "df1", "df2" or "mhb15"; raise `ModelError` for any other name.
+
+    "exact", cycles in closed form, is none of these methods: it has no unknown harmonics; see `check_methods`.
+    """
     found = re.fullmatch(r"(df)([12])|(mhb)([0-9]+)", name.strip().casefold())
     if found is None or name.strip().casefold() == "mhb0":
         raise ModelError(
-            f"unknown method {name!r}; write df1 or df2 (describing function of first or second order) or mhb and the "
-            "highest harmonic, such as mhb15."
+            f"unknown method {name!r}; write df1 or df2 (describing function of first or second order), mhb and the "
+            "highest harmonic, such as mhb15, or exact."
         )
     return DescribingFunction(order=int(found[2])) if found[1] else HarmonicBalance(int(found[4]))
+
+
+def check_methods(names: Iterable[str]) -> list[str]:
+    """Return the names of methods in small letters, each once; raise `ModelError` where one is unknown."""
+    chosen = list(dict.fromkeys(name.strip().casefold() for name in names))
+    for name in chosen:
+        if name != EXACT:
+            method_named(name)
+    return chosen
 
 
 def trace_by_method(system: System, name: str, hopf: SpecialPoint, interval: tuple[float, float]) -> TracedBranch:
     """Trace the branch that begins at a Hopf point by the method of that name."""
     start = time.perf_counter()
+    if name == EXACT:
+        switched_linear(system)
+        built = time.perf_counter()
+        walk = exact_walk(system, hopf, interval)
+        followed = time.perf_counter()
+        return TracedBranch(
+            name, exact_branch(walk, hopf), built - start, followed - built, partial(exact_crossings, walk)
+        )
     equations = method_named(name).equations(system)
     equations.derivatives((system.parameter_names.index(hopf.parameter),))
     equations.derivatives(())
     built = time.perf_counter()
     branch = trace(equations, hopf, hopf.parameter, interval, stability=False)
-    return TracedBranch(name, equations, branch, built - start, time.perf_counter() - built)
+    tracing = time.perf_counter() - built
+    return TracedBranch(name, branch, built - start, tracing, partial(_cycles, equations, branch))
 
 
 def compare(
@@ -177,8 +208,9 @@ def compare(
     ----------
     system : System
     methods : sequence of str
-        Names such as "df1" and "df2" (describing function of first, second order) and "mhb15"
-        (multi-harmonic balance with its highest harmonic).
+        Names such as "df1" and "df2" (describing function of first, second order), "mhb15" (multi-harmonic balance with
+        its highest harmonic) and, for systems that are linear between switchings, "exact" (cycles in closed form; of
+        their motion the harmonics up to 61 are given).
     values : sequence of float, optional, unit of the parameter
         Where to compare; twelve values over the interval where left out.
     parameter : str, optional
@@ -201,9 +233,8 @@ def compare(
     """
     name = parameter or system.parameter_names[0]
     span = interval or default_reach(system, name)
-    names = list(dict.fromkeys([*(method.strip().casefold() for method in methods), truth]))
-    for method in names:
-        method_named(method)
+    (truth,) = check_methods([truth])
+    names = check_methods([*methods, truth])
     hopf = hopf_points(system, name, span)
     if not hopf:
         raise ModelError(

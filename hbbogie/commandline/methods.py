@@ -23,13 +23,14 @@ from hbbogie.commandline.application import (
 
 @command(
     "hbbogie compare yang1995",
-    "hbbogie compare yang1995 --methods df1,df2,mhb3,mhb15",
+    "hbbogie compare yang1995 --methods df1,df2,mhb3,mhb15,exact",
     "hbbogie compare bautin --methods df1,mhb3 --values -0.2,-0.1,0.1",
 )
 def compare(
     name: Problem,
     methods: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Methods, separated by commas, such as df1,df2,mhb15.")
+        str | None,
+        typer.Option(metavar="LIST", help="Methods, separated by commas: df1, df2, mhb with a harmonic, exact."),
     ] = None,
     values: Annotated[
         str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
@@ -38,7 +39,7 @@ def compare(
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare methods: describing functions, multi-harmonic balance, and what the problem's paper used."""
+    """Compare methods: describing functions, harmonic balance, closed form, and what the problem's paper used."""
     from hbbogie.commandline.terminal import listed
     from hbbogie.reports.comparison import comparison_of
 

@@ -10,6 +10,7 @@ from hbbogie.critical.folds import fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
+from hbbogie.exact.critical import fold_near
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval, default_reach
@@ -19,6 +20,7 @@ from hbbogie.results.critical import Critical
 from hbbogie.results.failure import ConvergenceError
 
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
+NEAR = 0.1  # relative distance in frequency up to which a fold in closed form is the same
 SAME = 1e-7  # relative distance in value and frequency below which two points are one
 COARSE = 15  # highest harmonic with which branches are traced in search of folds
 
@@ -47,7 +49,9 @@ def critical_speeds(
     Returns
     -------
     list of Critical
-        In increasing order of the value. Folds on branches that reach no Hopf point in the interval, or up to half
+        In increasing order of the value. The error of a fold is its distance from the fold in closed form where the
+        system is linear between switchings, else an estimate, if there are more than 15 harmonics; its status says
+        which. Folds on branches that reach no Hopf point in the interval, or up to half
         of it beyond its ends, are not among them.
 
     Raises
@@ -75,9 +79,7 @@ def critical_speeds(
         # a branch between two Hopf points is traced from both
         located += [new for new in branch.folds() if not any(coincide(new, other) for other in located)]
     for special in located:
-        critical = _polished(fine, special)
-        if harmonics > COARSE:
-            critical = replace(critical, error=abs(critical.value - special.value))
+        critical = _with_error(system, _polished(fine, special), special.value if harmonics > COARSE else None)
         if lo <= critical.value <= hi and not any(coincide(critical, other) for other in found):
             found.append(critical)
     return sorted(found, key=lambda c: c.value)
@@ -102,6 +104,23 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
             curvature=nan,
             status=status,
         )
+
+
+def _with_error(system: System, critical: Critical, coarse: float | None) -> Critical:
+    """Return a fold with the error of harmonics left out, from the fold in closed form or one of fewer harmonics."""
+    if critical.extremum == "minimum":
+        try:
+            exact = fold_near(system, critical.orbit, critical.parameter)
+        except (ConvergenceError, ModelError):  # not linear between switchings, or too far away
+            pass
+        else:
+            if abs(exact.omega / critical.omega - 1) <= NEAR:
+                status = f"{critical.status}; the fold in closed form lies at {exact.value:.12g}"
+                return replace(critical, error=abs(critical.value - exact.value), status=status)
+    if coarse is None:
+        return critical
+    status = f"{critical.status}; error estimated from {COARSE} harmonics, which is no bound"
+    return replace(critical, error=abs(critical.value - coarse), status=status)
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:

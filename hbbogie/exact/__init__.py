@@ -10,8 +10,8 @@ A `System` that is linear between switchings goes in. `follow` gives the whole b
 >>> walk = follow(at_grazing(bogie, hopf), (60.0, 190.0))
 >>> round(walk.marked("fold")[0].value, 9)
 88.764113194
->>> walk.end
-'the end of the interval, 190'
+>>> print(walk.end)
+the end of the interval, 190
 """
 
 import lazy_loader

@@ -2,10 +2,11 @@ from .closing import Closing as Closing
 from .closing import Frame as Frame
 from .closing import Linearised as Linearised
 from .critical import CriticalValues as CriticalValues
+from .critical import NominalDesign as NominalDesign
 from .critical import critical_values as critical_values
+from .critical import fold_near as fold_near
+from .critical import nominal_design as nominal_design
 from .cycle import ExactCycle as ExactCycle
-from .exponential import exponentials as exponentials
-from .exponential import exponentials_with_derivative as exponentials_with_derivative
 from .folding import Folds as Folds
 from .folding import fold_of as fold_of
 from .folding import gradients as gradients
@@ -23,6 +24,7 @@ from .sequence import Sequence as Sequence
 from .starting import at_grazing as at_grazing
 from .starting import cycle_of as cycle_of
 from .starting import exact_cycle as exact_cycle
+from .starting import orbit_of as orbit_of
 from .starting import settled as settled
 from .walk import Walk as Walk
 from .walk import follow as follow

@@ -43,6 +43,8 @@ class Fold:
 
     Attributes
     ----------
+    closing : Closing
+        Its equations.
     start : Start
         Its sequence, unknowns and null vectors.
     value : float, unit of the parameter
@@ -50,10 +52,16 @@ class Fold:
     gradient : ndarray, shape (number of parameters,)
     """
 
+    closing: Closing
     start: Start
     value: float
     omega: float
     gradient: Array
+
+    @property
+    def y(self) -> Array:
+        """Its unknowns, shape (m + 1,)."""
+        return self.start.y
 
 
 class Nominal:
@@ -170,7 +178,7 @@ def _judged(
         if good[b] and not short[b] and folds.curvature[b] > 0:
             value, omega = y[b, -1] * closing.frame.parameter[b], turn / spans[b] * closing.frame.rate[b]
             start = Start(closing.sequence, y[b], folds.v[b], folds.w[b])
-            found[d] = Fold(start, float(value), float(omega), slopes[b])
+            found[d] = Fold(closing.of(b), start, float(value), float(omega), slopes[b])
         elif not good[b] and starts[d].changes < CHANGES:
             changed = repaired(closing.sequence, y[b], n, closing.model, folds.at, inside, b)
             if changed is not None:

@@ -1,4 +1,4 @@
-"""The equations of cycles with one sequence of contacts, for many cycles at once.
+"""The equations of cycles with one sequence of contacts (eq-exact-cycle), for many cycles at once.
 
 Unknowns of a cycle: the state at a crossing, the durations of the S phases, and one parameter, all scaled. Equations:
 the cycle closes, and each phase ends on its surface. Where a phase begins and ends on the same surface the two
@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.exact.exponential import exponentials_with_derivative
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.sequence import Sequence
+from hbbogie.stability.exponential import exponentials_with_derivative
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
-from hbbogie.exact.batch import CHUNK, Fold, Nominal, folds_near
+from hbbogie.exact.batch import CHUNK, Fold, Nominal, Start, folds_near, solve
+from hbbogie.exact.folding import null_vectors
 from hbbogie.exact.hopf import HopfPoints, hopf_of
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.points import Point
-from hbbogie.exact.starting import at_grazing
+from hbbogie.exact.starting import at_grazing, exact_cycle
 from hbbogie.exact.walk import follow
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
+from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
@@ -30,10 +32,8 @@ class CriticalValues:
 
     Attributes
     ----------
-    fold, fold_omega : ndarray, shape (D,), unit of the parameter and rad/s
-        The smallest fold of the branch that begins at the Hopf point, below it; NaN where there is none.
-    fold_gradient : ndarray, shape (D, number of parameters)
-        Derivative of the fold's value in all parameters; -1 in the parameter itself.
+    folds : tuple of D Fold or None
+        The smallest fold of the branch that begins at the Hopf point, below it; None where there is none.
     hopf : HopfPoints
     status : tuple of D str
         How each fold was found, or why there is none.
@@ -41,12 +41,110 @@ class CriticalValues:
         Whether it is not known if there is a fold.
     """
 
-    fold: Array
-    fold_omega: Array
-    fold_gradient: Array
+    folds: tuple[Fold | None, ...]
     hopf: HopfPoints
     status: tuple[str, ...]
     failed: NDArray[np.bool_]
+
+    @property
+    def fold(self) -> Array:
+        """Values of the folds, shape (D,), unit of the parameter; NaN where there is none."""
+        return np.array([f.value if f else np.nan for f in self.folds])
+
+    @property
+    def fold_omega(self) -> Array:
+        """Frequencies of the folds, shape (D,), rad/s."""
+        return np.array([f.omega if f else np.nan for f in self.folds])
+
+    @property
+    def fold_gradient(self) -> Array:
+        """Derivative of the folds' values in all parameters, -1 in the parameter itself, shape (D, parameters)."""
+        none = np.full(self.hopf.gradient.shape[1], np.nan)
+        return np.array([f.gradient if f else none for f in self.folds])
+
+
+@dataclass(frozen=True, eq=False)
+class NominalDesign:
+    """The design at which the search for the critical values of others begins.
+
+    Attributes
+    ----------
+    system : System
+    parameter : str
+    interval : (float, float), unit of the parameter
+        Where Hopf points and folds are looked for.
+    start : Point
+        The grazing at which its branch begins.
+    fold : Nominal or None
+        Its fold, None where it has none.
+    """
+
+    system: System
+    parameter: str
+    interval: tuple[float, float]
+    start: Point
+    fold: Nominal | None
+
+    def critical_values(self, points: Array) -> CriticalValues:
+        """Find the first Hopf point and the fold below it of many designs; see `critical_values`."""
+        p = np.array(points, dtype=float)
+        if p.ndim != 2 or p.shape[1] != len(self.system.parameters):
+            raise ModelError(
+                f"critical_values: the points have shape {p.shape}; give one row for each design and one column for "
+                f"each of the {len(self.system.parameters)} parameters."
+            )
+        place, low = self.system.parameter_names.index(self.parameter), self.interval[0]
+        p[:, place] = self.start.value
+        model, sides = self.start.closing.model, self.start.closing.sequence.states[0]
+        hopf = _hopfs(model, p, place, sides, low)
+        straight, stepped = folds_near(self.fold, p) if self.fold else ({}, {})
+        answers: list[tuple[Fold | None, str, bool]] = []
+        lost: list[int] = []
+        for d in range(len(p)):
+            fold = straight.get(d) or stepped.get(d)
+            if fold is not None and hopf.first[d] and low <= fold.value < hopf.value[d]:
+                how = "from the nominal fold" if d in straight else "in steps from the nominal fold"
+                answers.append((fold, f"fold found {how}", False))
+            else:
+                at, fold, status, unknown = _followed(self.system, self.parameter, p[d], self.interval)
+                answers.append((fold, status, unknown))
+                if at is None:
+                    hopf.value[d], hopf.first[d] = np.nan, False
+                else:
+                    p[d, place] = at
+                    lost.append(d)
+        if lost:  # the Hopf points of the search there
+            again = _hopfs(model, p[lost], place, sides, low)
+            for field in fields(HopfPoints):
+                getattr(hopf, field.name)[lost] = getattr(again, field.name)
+        return CriticalValues(
+            tuple(fold for fold, _, _ in answers),
+            hopf,
+            tuple(status for _, status, _ in answers),
+            np.array([failed for *_, failed in answers], dtype=bool),
+        )
+
+
+def nominal_design(system: System, parameter: str, interval: tuple[float, float]) -> NominalDesign:
+    """Return the system at its own parameter values as the design at which searches begin.
+
+    Raises
+    ------
+    ModelError
+        When the system is not linear between switchings.
+    ConvergenceError
+        When it has no Hopf point in the interval.
+    """
+    low, high = check_interval(system, parameter, interval)
+    hopfs = hopf_points(system, parameter, (low, high))
+    if not hopfs:
+        raise ConvergenceError(
+            f"system {system.name!r}: no Hopf point from {low:g} to {high:g} at the system's own parameters; give a "
+            "nominal design that has one, or another interval."
+        )
+    start = at_grazing(system, hopfs[0])
+    folds = follow(start, (low, BEYOND * hopfs[0].value)).marked("fold")
+    return NominalDesign(system, parameter, (low, high), start, Nominal(folds[0]) if folds else None)
 
 
 def critical_values(system: System, points: Array, parameter: str, interval: tuple[float, float]) -> CriticalValues:
@@ -72,52 +170,7 @@ def critical_values(system: System, points: Array, parameter: str, interval: tup
     ConvergenceError
         When the nominal design has no Hopf point in the interval.
     """
-    place = system.parameter_names.index(system.parameter(parameter).name)
-    low, high = check_interval(system, parameter, interval)
-    p = np.array(points, dtype=float)
-    if p.ndim != 2 or p.shape[1] != len(system.parameters):
-        raise ModelError(
-            f"critical_values: the points have shape {p.shape}; give one row for each design and one column for each "
-            f"of the {len(system.parameters)} parameters."
-        )
-    hopfs = hopf_points(system, parameter, (low, high))
-    if not hopfs:
-        raise ConvergenceError(
-            f"system {system.name!r}: no Hopf point from {low:g} to {high:g} at the system's own parameters; give a "
-            "nominal design that has one, or another interval."
-        )
-    start = at_grazing(system, hopfs[0])
-    p[:, place] = hopfs[0].value
-    hopf = _hopfs(start.closing.model, p, place, start.closing.sequence.states[0], low)
-    folds = follow(start, (low, BEYOND * hopfs[0].value)).marked("fold")
-    straight, stepped = folds_near(Nominal(folds[0]), p) if folds else ({}, {})
-    answers: list[tuple[Fold | None, str, bool]] = []
-    lost: list[int] = []
-    for d in range(len(p)):
-        fold = straight.get(d) or stepped.get(d)
-        if fold is not None and hopf.first[d] and low <= fold.value < hopf.value[d]:
-            how = "from the nominal fold" if d in straight else "in steps from the nominal fold"
-            answers.append((fold, f"fold found {how}", False))
-        else:
-            at, fold, status, unknown = _followed(system, parameter, p[d], (low, high))
-            answers.append((fold, status, unknown))
-            if at is None:
-                hopf.value[d], hopf.first[d] = np.nan, False
-            else:
-                p[d, place] = at
-                lost.append(d)
-    if lost:  # the Hopf points of the search there
-        again = _hopfs(start.closing.model, p[lost], place, start.closing.sequence.states[0], low)
-        for field in fields(HopfPoints):
-            getattr(hopf, field.name)[lost] = getattr(again, field.name)
-    return CriticalValues(
-        np.array([f.value if f else np.nan for f, _, _ in answers]),
-        np.array([f.omega if f else np.nan for f, _, _ in answers]),
-        np.array([f.gradient if f else np.full(p.shape[1], np.nan) for f, _, _ in answers]),
-        hopf,
-        tuple(status for _, status, _ in answers),
-        np.array([failed for *_, failed in answers]),
-    )
+    return nominal_design(system, parameter, interval).critical_values(points)
 
 
 def _hopfs(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float) -> HopfPoints:
@@ -146,7 +199,7 @@ def _followed(
     if below:
         lowest = min(below, key=lambda point: point.value)
         return hopfs[0].value, _fold_at(lowest), "fold found by following the branch from its Hopf point", False
-    missed = bool(walk.marked("fold not located")) or not walk.end.startswith("the end of the interval")
+    missed = bool(walk.marked("fold not located")) or walk.end.kind != "interval"
     falling = "falls" if start.direction < 0 else "rises"
     text = f"no fold: at its grazing the branch {falling}, {len(walk.points)} points followed; {walk.end}"
     return hopfs[0].value, None, text, missed
@@ -154,4 +207,33 @@ def _followed(
 
 def _fold_at(point: Point) -> Fold:
     nominal = Nominal(point)
-    return Fold(nominal.start, point.value, point.omega, nominal.gradient)
+    return Fold(point.closing, nominal.start, point.value, point.omega, nominal.gradient)
+
+
+def fold_near(system: System, orbit: Orbit, parameter: str) -> Fold:
+    """Return the exact fold, a minimum of the parameter, near that of another method.
+
+    Parameters
+    ----------
+    system : System
+    orbit : Orbit
+        The cycle at the fold.
+    parameter : str
+
+    Raises
+    ------
+    ModelError
+        When the system is not linear between switchings, or the orbit is not one of its cycles.
+    ConvergenceError
+        When no fold is found from there.
+    """
+    point = exact_cycle(system, orbit, parameter, free=True)
+    v, w = null_vectors(point.at)
+    nominal = Nominal(point)
+    found = solve(nominal, nominal.p[None], {0: Start(point.closing.sequence, point.y, v[0], w[0])})
+    if not found:
+        raise ConvergenceError(
+            f"system {system.name!r}: no exact fold was found from the cycle at {parameter} = "
+            f"{orbit.parameters[parameter]:g}; give one with more harmonics."
+        )
+    return found[0]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.exact.exponential import exponentials
+from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
 
@@ -161,14 +161,19 @@ class ExactCycle:
         """Return times, weights and coordinates for integrals over the phases, fine enough for harmonic H."""
         size = np.abs(np.linalg.eigvals(self.matrices)).max(axis=1)
         pieces = np.ceil(np.maximum(size, H * self.omega) * np.abs(self.durations) / PIECE).astype(int).clip(1)
-        phase = np.repeat(np.arange(len(pieces)), pieces)
-        first = np.arange(len(phase)) - (np.cumsum(pieces) - pieces)[phase]
         s, w = legendre.leggauss(GAUSS)
-        step = (self.durations / pieces)[phase]
-        local = (step * first)[:, None] + step[:, None] * (s + 1) / 2
-        x = self._flow(np.repeat(phase, GAUSS), local.ravel()) @ np.repeat(self.nodes[phase], GAUSS, axis=0)[..., None]
-        t = (np.cumsum(self.durations) - self.durations)[phase][:, None] + local
-        return t.ravel(), (step[:, None] * w / 2).ravel(), x[:, : self.n, 0]
+        times, weights, states = [], [], []
+        begins = np.cumsum(self.durations) - self.durations
+        for i, k in enumerate(pieces):
+            step = self.durations[i] / k
+            E = self._flow(np.full(GAUSS + 1, i), np.append(step * (s + 1) / 2, step))
+            x, ahead = self.nodes[i][:, None], E[-1]
+            while x.shape[1] < k:  # states at the beginning of each piece, twice as many a time
+                x, ahead = np.hstack([x, ahead @ x]), ahead @ ahead
+            times.append((begins[i] + step * (np.arange(k)[:, None] + (s + 1) / 2)).ravel())
+            weights.append(np.tile(step * w / 2, k))
+            states.append((E[:-1, : self.n] @ x[:, :k]).transpose(2, 0, 1).reshape(-1, self.n))
+        return np.concatenate(times), np.concatenate(weights), np.concatenate(states)
 
     def mean(self) -> Array:
         """Return the mean of each coordinate over the period, shape (n,)."""

@@ -1,7 +1,7 @@
 """Folds of exact cycles: the bordered conditions, their derivatives by products only, and gradients by the adjoint.
 
 At a fold the derivative of the equations in the cycle's own unknowns, F_z, is singular, F_z v = 0 and w F_z = 0. The
-condition is g = 0, where g follows from a bordered system with v and w; its derivative is -w (F_z)_y v
+condition is g = 0, where g follows from a bordered system with v and w (eq-exact-fold); its derivative is -w (F_z)_y v
 (W. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, chapter 3).
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.exact.closing import Closing, Linearised
-from hbbogie.exact.exponential import exponentials_with_derivative
+from hbbogie.stability.exponential import exponentials_with_derivative
 
 Array = NDArray[np.float64]
 

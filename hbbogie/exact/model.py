@@ -167,7 +167,7 @@ class _Mapped:
 
     def __call__(self, M: int, *arguments: Array) -> list[Array]:
         for memory, given in zip(self.arguments, arguments, strict=True):
-            memory[:M] = given.reshape(M, -1)
+            memory[:M] = given.reshape(M, memory.shape[1])
             memory[M:] = memory[:1]
         self.run()
         return [r[:M].copy() for r in self.results]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.exact.closing import Closing
-from hbbogie.exact.exponential import exponentials
 from hbbogie.exact.sequence import Sequence, Sides, crossed
+from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
 

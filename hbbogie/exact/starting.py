@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
+from hbbogie.exact.batch import Fold
 from hbbogie.exact.closing import Closing, Frame
 from hbbogie.exact.cycle import ExactCycle
 from hbbogie.exact.model import SwitchedLinear, switched_linear
+from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.passing import sequence_passed
 from hbbogie.exact.points import Point, correct, unit
 from hbbogie.exact.sequence import Sequence
@@ -24,6 +26,7 @@ from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
 
+HIGHEST = 61  # harmonic up to which the series of an exact cycle is given where nothing else is said
 SAMPLES = 2048  # per period, among which crossings of an orbit are looked for
 REPAIRS = 12  # corrections of the sequence at most
 SMALLEST = 1e-6  # size of a state, relative to the largest of its kind
@@ -205,8 +208,8 @@ def _by_rules(closing: Closing, y: Array, free: bool) -> Point | None:
     return None
 
 
-def cycle_of(point: Point) -> ExactCycle:
-    """Return a point of a branch as plain data."""
+def cycle_of(point: Point | Fold) -> ExactCycle:
+    """Return a point of a branch, or the fold of a design, as plain data."""
     closing, y, n = point.closing, point.y, point.closing.n
     sequence, frame, system = closing.sequence, closing.frame, closing.model.system
     p = closing.parameters(y[None])[0]
@@ -220,4 +223,24 @@ def cycle_of(point: Point) -> ExactCycle:
         y[n : n + sequence.S] / frame.rate[0],
         A[sequence.of],
         dict(zip(system.parameter_names, map(float, p), strict=True)),
+    )
+
+
+def orbit_of(point: Point, H: int = HIGHEST) -> Orbit:
+    """Return a point of a branch as an orbit with multipliers and verdict: the Fourier series of the exact cycle.
+
+    Frequency and multipliers are exact; of the motion the harmonics above H are left out.
+    """
+    cycle, system = cycle_of(point), point.closing.model.system
+    return Orbit(
+        system.name,
+        system.coordinate_names,
+        tuple(c.unit for c in system.coordinates),
+        cycle.coefficients(H),
+        cycle.omega,
+        cycle.parameters,
+        "exact",
+        float(np.abs(point.at.F).max()),
+        f"cycle in closed form, {point.closing.sequence.S} phases",
+        stabilities(point.closing, point.y[None], point.at)[0],
     )

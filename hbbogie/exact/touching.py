@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.exact.closing import Closing, Linearised
-from hbbogie.exact.exponential import exponentials
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.sequence import Sequence
+from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
 

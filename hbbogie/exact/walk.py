@@ -13,6 +13,7 @@ from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of
 from hbbogie.exact.points import Point, correct, unit
 from hbbogie.exact.touching import consistent, depths
+from hbbogie.results.ending import Ending
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ class Walk:
     """The points of a branch in order, and why it ends."""
 
     points: list[Point]
-    end: str
+    end: Ending
 
     def marked(self, kind: str) -> list[Point]:
         """Return the points of a kind: grazing, fold, end; fold not located, not located (a change of the sequence)."""
@@ -69,7 +70,7 @@ def follow(
         if there is None or there.tangent @ here.tangent < 0.5:
             length /= 3
             if length < SHORTEST:
-                return Walk(points, f"no further point was found with steps down to {SHORTEST:g}")
+                return Walk(points, Ending("stuck", f"no further point was found with steps down to {SHORTEST:g}"))
             continue
         found = depths(there.closing, there.y[None], there.at)
         if not consistent(there.closing, there.y[None], there.at, found)[0]:
@@ -77,12 +78,14 @@ def follow(
             if changed is None:
                 length /= 3
                 if length < SHORTEST:
-                    return Walk(points, "no order of contacts agrees with the motion beyond the last point")
+                    return Walk(
+                        points, Ending("stuck", "no order of contacts agrees with the motion beyond the last point")
+                    )
                 continue
             if changed.kind == "lost":
                 return Walk(
                     [*points, replace(changed, kind="grazing")],
-                    "the last contact is lost in a grazing; what goes on is linear",
+                    Ending("contact", "the last contact is lost in a grazing; what goes on is linear"),
                 )
         else:
             changed = there
@@ -91,7 +94,8 @@ def follow(
         if not low <= changed.y[-1] <= high:
             bound = low if changed.y[-1] < low else high
             end = window[0] if changed.y[-1] < low else window[1]
-            return Walk([*points, *_landed(here, changed, bound)], f"the end of the interval, {end:g}")
+            end_of = Ending("interval", f"the end of the interval, {end:g}")
+            return Walk([*points, *_landed(here, changed, bound)], end_of)
         points.append(changed)
         same = changed.closing is here.closing
         before, here = (here, changed) if same else (None, changed)
@@ -100,7 +104,7 @@ def follow(
         turned = rotated(here)
         if turned is not here:
             before, here = None, turned
-    return Walk(points, f"the largest number of points, {most}, was reached")
+    return Walk(points, Ending("points", f"the largest number of points, {most}, was reached"))
 
 
 def _landed(here: Point, there: Point, bound: float) -> list[Point]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie.branches.comparison import DEFAULT_METHODS, Comparison, compare, method_named
+from hbbogie.branches.comparison import DEFAULT_METHODS, Comparison, check_methods, compare
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -106,9 +106,7 @@ def comparison_of(
     methods, values, progress
         As of `compare`. Values that are given are compared generally, also where the module has its own way.
     """
-    chosen = list(methods or DEFAULT_METHODS)
-    for name in chosen:
-        method_named(name)
+    chosen = check_methods(methods or DEFAULT_METHODS)
     own = getattr(module, "comparison", None)
     if own is not None and values is None:
         report: Report = own(system, chosen, progress)

@@ -30,7 +30,7 @@ class Critical:
         Of a fold: second derivative of the parameter along the branch in scaled arclength; positive at a minimum.
     status : str
     error : float, unit of the parameter
-        Of a fold: estimate of the error from harmonics left out; NaN where it was not made.
+        Of a fold: error from harmonics left out, measured or estimated as the status says; NaN where it is not known.
     """
 
     kind: str

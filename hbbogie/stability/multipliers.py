@@ -13,7 +13,8 @@ from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.stability.jumps import passages_along
-from hbbogie.stability.variation import Waveform, check_orbit, mesh_of, product, trace_integral, transitions_over
+from hbbogie.stability.transitions import product, transitions_along
+from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -37,8 +38,9 @@ def floquet(
     orbit : Orbit
         A cycle, or an equilibrium (H = 0). The parameter values are those of the orbit.
     steps : int
-        Steps per period. Where left out: at least 256, 10 for each harmonic, and so many that a step
-        times the largest eigenvalue of the state matrix stays below 0.075; rounded up to a few numbers.
+        Runge-Kutta steps per period. Where left out: none for systems that are linear between switchings, for
+        which exponentials are taken; else at least 256, 10 for each harmonic, and so many that a step times the
+        largest eigenvalue of the state matrix stays below 0.075; rounded up to a few numbers.
     tolerance : float
         Largest error of the trivial multiplier, and largest error of the logarithm of the determinant
         relative to its size (or to 1), that are still trusted.
@@ -59,10 +61,11 @@ def floquet(
 
     Notes
     -----
-    The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series, one
-    fourth-order Runge-Kutta step from the identity for each interval of a mesh; the product of the
-    transition matrices is the monodromy matrix. The contact times of piecewise-linear elements are mesh
-    points, and inside an interval their slopes are those of its middle, so that no step straddles a kink.
+    The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series over the intervals of
+    a mesh; the product of the transition matrices is the monodromy matrix. The contact times of piecewise-linear
+    elements are mesh points, and inside an interval their slopes are those of its middle, so that no step straddles
+    a kink. Where A depends on these slopes only it is constant between contact times, and the transition matrices are
+    its exponentials (eq-phase-map); else each is one fourth-order Runge-Kutta step from the identity.
     Where an element jumps, the jump matrix (eq-jump) is a further factor; a motion that does not pass there
     but sticks is not followed, and the verdict is "unknown". A kink or jump written in the equations, as
     ``fmax`` or ``sign``, and not as an element is not seen and costs accuracy. With the default steps
@@ -90,19 +93,19 @@ def floquet(
     if orbit.H == 0:
         return _equilibrium(system, orbit, p, tolerance)
     waveform = Waveform(system, orbit, p)
-    mesh = mesh_of(waveform, steps, half=halved)
-    passages = passages_along(waveform, mesh)
+    along = transitions_along(waveform, steps, half=halved)
+    passages = passages_along(waveform, along.mesh)
     none = np.full(system.n_states, np.nan, dtype=complex)
     if passages.obstacle:
         return Stability("unknown", none, float("nan"), 0, f"{passages.obstacle}.")
-    transitions = passages.inserted(transitions_over(waveform, mesh))
+    transitions = passages.inserted(along.matrices)
     monodromy = product(transitions)
     if not np.isfinite(monodromy).all():
-        reason = f"the variational equations overflow with {len(mesh) - 1} steps; take more steps."
+        reason = f"the variational equations overflow in {len(transitions)} steps; take more steps."
         return Stability("unknown", none, float("nan"), 0, reason)
     parts = 2 if halved else 1
     log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
-    trace = parts * (trace_integral(waveform, mesh) + passages.log_determinant)
+    trace = parts * (along.trace + passages.log_determinant)
     return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
 
 

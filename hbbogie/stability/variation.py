@@ -1,8 +1,9 @@
-"""The variational equations along an orbit: state matrix, mesh aligned with contacts, transition matrices."""
+"""The variational equations along an orbit: state matrix, lines of the contacts and when they change."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -17,13 +18,11 @@ from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
 
-# steps per period to choose from: a function is built for each number used
-SIZES = tuple(sorted(s * 2**k for s in (256, 384) for k in range(9)))
-STEP_TIMES_EIGENVALUE = 0.075
+ROUND_OFF = 1e-13  # rad; of a phase of 2 pi and of the series
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class Model:
     """What the variational equations need of a system, built once.
 
     Attributes
@@ -67,7 +66,7 @@ def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, 
     return q, v, lines, p, rates[:n], rates, contacts
 
 
-def _model(system: System) -> _Model:
+def _model(system: System) -> Model:
     q, v, lines, p, velocity, rates, contacts = on_lines(system)
     x = state_of(system.dynamics, q, v)
     A = ca.jacobian(rates, x)
@@ -82,7 +81,7 @@ def _model(system: System) -> _Model:
             )
     rest = ca.substitute(u, ca.vertcat(q, v), ca.SX.zeros(2 * system.n))
     inputs = [x[varying], lines, p]
-    return _Model(
+    return Model(
         np.array(varying, dtype=int),
         ca.Function("matrix", inputs, [A]),
         ca.Function("measures", inputs, [ca.trace(A), ca.norm_fro(A)]),
@@ -123,6 +122,11 @@ class Waveform:
         """Return the varying states at the phases tau, shape (len(tau), m)."""
         return fourier.synthesis(self.H, tau) @ self.x if self.x.size else np.empty((len(tau), 0))
 
+    @property
+    def straight(self) -> bool:
+        """Whether the variational equations have constant coefficients between the switchings."""
+        return not len(self.model.varying)
+
     def lines(self, tau: Array) -> Array:
         """Return slope and intercept of each contact at the phases tau, shape (len(tau), 2 contacts)."""
         columns = []
@@ -137,10 +141,7 @@ class Waveform:
         """Return the phases from 0 to end at which a contact changes its line, increasing, rad."""
         if not self.ramps:
             return np.empty(0)
-        grid = fourier.phases(max(256, 32 * self.H))
-        grid = np.append(grid[grid < end - 1e-9], end)
-        # the first and the last phase of a period are one, whatever the rounding
-        E = fourier.synthesis(self.H, np.append(grid[:-1], end if end < 2 * np.pi else 0.0))
+        grid, E = _grid(self.H, end)
         rate = fourier.derivative(self.u)
         slope = E @ rate
         # between turning points u is monotone: with them on the grid a short contact is not missed
@@ -162,6 +163,21 @@ class Waveform:
         found = _roots(self.u[:, places], np.concatenate(levels), np.concatenate(low), np.concatenate(high))
         return np.unique(found)
 
+    def phases(self, end: float) -> Array:
+        """Return 0, the switchings between 0 and end, and end, increasing, rad."""
+        switchings = self.switchings(end)
+        ends = np.r_[0.0, switchings[switchings < end - 1e-12], end]
+        return ends[np.r_[True, np.diff(ends) > 1e-12]]
+
+
+@lru_cache(maxsize=16)
+def _grid(H: int, end: float) -> tuple[Array, Array]:
+    """Return phases from 0 to end, rad, and the matrix of synthesis there."""
+    grid = fourier.phases(max(256, 32 * H))
+    grid = np.append(grid[grid < end - 1e-9], end)
+    # the first and the last phase of a period are one, whatever the rounding
+    return grid, fourier.synthesis(H, np.append(grid[:-1], end if end < 2 * np.pi else 0.0))
+
 
 def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
     """Return where each column of Fourier coefficients meets its level between low and high (safe Newton)."""
@@ -175,115 +191,9 @@ def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
         before = (f > 0) == falling
         low, high = np.where(before, tau, low), np.where(before, high, tau)
         step = tau - np.divide(f, slope, out=np.full_like(f, np.inf), where=slope != 0)
-        new = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        # a root that is met becomes a bound, which the next step may leave by round-off
+        new = np.where((step >= low - ROUND_OFF) & (step <= high + ROUND_OFF), step, 0.5 * (low + high))
         tau, moved = new, np.abs(new - tau)
-        if moved.max(initial=0.0) < 1e-13:  # round-off of a phase of 2 pi and of the series
+        if moved.max(initial=0.0) < ROUND_OFF:
             break
     return tau
-
-
-# --- mesh and integration ---------------------------------------------------------------------
-
-
-def mesh_of(waveform: Waveform, steps: int | None, *, half: bool = False) -> Array:
-    """Return the mesh phases over the period, or its first half, shape (N + 1,), with every switching among them.
-
-    Parameters
-    ----------
-    waveform : Waveform
-    steps : int or None
-        Steps per period, also when only half of it is meshed; None chooses.
-    half : bool
-        Whether the mesh ends at pi instead of 2 pi.
-    """
-    end, parts = (np.pi, 2) if half else (2 * np.pi, 1)
-    switchings = waveform.switchings(end)
-    ends = np.r_[0.0, switchings[switchings < end - 1e-12], end]
-    ends = ends[np.r_[True, np.diff(ends) > 1e-12]]
-    lengths = np.diff(ends)
-    if steps is None:
-        fastest = _fastest_eigenvalue(waveform, 0.5 * (ends[:-1] + ends[1:]))
-        wanted = 2 * np.pi / waveform.omega * fastest / STEP_TIMES_EIGENVALUE
-        wanted = max(wanted, 10 * waveform.H, 4 * parts * len(lengths))
-        N = next((s for s in SIZES if s >= wanted), SIZES[-1]) // parts
-    else:
-        N = max(-(-int(steps) // parts), len(lengths))
-    counts = np.maximum(1, np.floor(N * lengths / end).astype(int))
-    while counts.sum() < N:
-        counts[np.argmax(lengths / counts)] += 1
-    while counts.sum() > N:
-        counts[np.argmin(np.where(counts > 1, lengths / counts, np.inf))] -= 1
-    pieces = [np.linspace(a, b, c, endpoint=False) for a, b, c in zip(ends, ends[1:], counts, strict=False)]
-    return np.append(np.concatenate(pieces), end)
-
-
-def _fastest_eigenvalue(waveform: Waveform, midpoints: Array) -> float:
-    """Return the largest eigenvalue modulus of A at the midpoints and where its norm is large [1/s]."""
-    system, model = waveform.system, waveform.model
-    tau = midpoints
-    if len(model.varying):
-        grid = fourier.phases(256)
-        norms = model.measures(waveform.states(grid).T, waveform.lines(grid).T, waveform.p)[1].full().ravel()
-        tau = np.r_[tau, grid[np.argsort(norms)[-16:]]]
-    x, lines = waveform.states(tau), waveform.lines(tau)
-    _, different = np.unique(np.hstack([x, lines]), axis=0, return_index=True)
-    stack = [model.matrix(x[i], lines[i], waveform.p).full() for i in different[:64]]
-    return float(np.abs(np.linalg.eigvals(np.reshape(stack, (-1, system.n_states, system.n_states)))).max())
-
-
-def _variation(system: System, model: _Model) -> ca.Function:
-    """Return the transition matrix over one interval, a function of (h, states at 3 phases, lines, p).
-
-    The varying states run through their values at start, middle and end of the interval, the only
-    places where the Runge-Kutta stages ask for them.
-    """
-    size, m = system.n_states, len(model.varying)
-    Phi, s, h = ca.SX.sym("Phi", size**2), ca.SX.sym("s"), ca.SX.sym("h")
-    start, middle, end = (ca.SX.sym(name, m) for name in ("start", "middle", "end"))
-    lines = ca.SX.sym("lines", model.matrix.size1_in(1))
-    p = ca.SX.sym("p", len(system.parameters))
-    x = (2 * s - 1) * (s - 1) * start + 4 * s * (1 - s) * middle + s * (2 * s - 1) * end
-    rate = h * ca.mtimes(model.matrix(x, lines, p), ca.reshape(Phi, size, size))
-    given = ca.vertcat(h, start, middle, end, lines, p)
-    problem = {"x": Phi, "t": s, "p": given, "ode": ca.vec(rate)}
-    options = {"number_of_finite_elements": 1, "simplify": True}
-    integrator = ca.integrator("variation", "rk", problem, 0.0, 1.0, options)
-    # expanded to scalar operations, which from the identity matrix is twice as fast
-    return ca.Function("transition", [given], [integrator(x0=ca.vec(ca.DM.eye(size)), p=given)["xf"]])
-
-
-def transitions_over(waveform: Waveform, mesh: Array) -> Array:
-    """Return the transition matrix of each interval, shape (N, n_states, n_states)."""
-    system, N = waveform.system, len(mesh) - 1
-    one = system.once("variation", lambda: _variation(system, waveform.model))
-    buffer, run = system.once(("variation", N), lambda: one.map(N)).buffer()
-    middle = 0.5 * (mesh[:-1] + mesh[1:])
-    x = waveform.states(mesh)
-    h = np.diff(mesh)[:, None] / waveform.omega
-    p = np.broadcast_to(waveform.p, (N, len(waveform.p)))
-    given = np.hstack([h, x[:-1], waveform.states(middle), x[1:], waveform.lines(middle), p])
-    out = np.empty((N, system.n_states, system.n_states))
-    # memory shared with CasADi, whose columns are the rows here: conversion would cost as much as the work
-    buffer.set_arg(0, given.data)
-    buffer.set_res(0, out.data)
-    run()
-    return out.transpose(0, 2, 1)
-
-
-def product(transitions: Array) -> Array:
-    """Return the product of the transition matrices, the last one leftmost."""
-    while len(transitions) > 1:
-        odd = transitions[len(transitions) // 2 * 2 :]
-        transitions = np.concatenate([transitions[1::2] @ transitions[: len(transitions) // 2 * 2 : 2], odd])
-    return np.asarray(transitions[0])
-
-
-def trace_integral(waveform: Waveform, mesh: Array) -> float:
-    """Return the integral of the trace of the state matrix over the mesh, by Simpson's rule on it."""
-    middle = 0.5 * (mesh[:-1] + mesh[1:])
-    lines, x = waveform.lines(middle).T, waveform.states(mesh).T
-    traces = [
-        waveform.model.measures(states, lines, waveform.p)[0].full().ravel()
-        for states in (x[:, :-1], waveform.states(middle).T, x[:, 1:])
-    ]
-    return float(np.diff(mesh) @ (traces[0] + 4 * traces[1] + traces[2]) / (6 * waveform.omega))

@@ -16,7 +16,8 @@ from hbbogie.results.failure import ConvergenceError
 from hbbogie.stability.jumps import Passages, passages_along, passages_of
 from hbbogie.stability.multipliers import judge
 from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, NewtonStep, Path, Pattern, Shooting, states_at
-from hbbogie.stability.variation import Waveform, check_orbit, product
+from hbbogie.stability.transitions import product
+from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbbogie import ConvergenceError, Orbit, System, simulate, solve, verify
-from hbbogie.branches import TracedBranch, compare
+from hbbogie.branches import TracedBranch, compare, method_named
 from hbbogie.methods import Compatible, HeuristicStability, compatible, describing_function, heuristic_stability
 from hbbogie.model import DeadBand
 from hbbogie.motion import settle
@@ -115,7 +115,7 @@ def _state(system: System, state: Any, followed: dict[str, TracedBranch]) -> Sta
             continue
         answers[name] = _of_paper(cycle)
     for name in ("df1", "df2"):
-        if (answer := _at_amplitude(followed[name], state.a1_el)) is not None:
+        if (answer := _at_amplitude(system, followed[name], state.a1_el)) is not None:
             answers[name] = answer
     fine = followed["mhb15"].at(state.V).get(part)
     remark = ""
@@ -124,7 +124,7 @@ def _state(system: System, state: Any, followed: dict[str, TracedBranch]) -> Sta
         answers["mhb15"] = _of_orbit(orbit, 1e3 * seconds)
     else:
         remark = "no cycle at the printed speed: multi-harmonic balance at the printed a1"
-        if (answer := _at_amplitude(followed["mhb15"], state.a1_el, peaks=True)) is not None:
+        if (answer := _at_amplitude(system, followed["mhb15"], state.a1_el, peaks=True)) is not None:
             answers["mhb15"] = answer
     if state.a1_ni is not None:
         answers["printed NI"] = Answer(state.V, state.omega_ni, state.a1_ni, state.a2_ni, True)
@@ -137,7 +137,7 @@ def _state(system: System, state: Any, followed: dict[str, TracedBranch]) -> Sta
     polished: dict[tuple[float, float], Orbit] = {}
     truths: dict[str, Orbit] = {}
     for name, answer in answers.items():
-        if (near := _truth(followed["mhb61"], answer)) is not None:
+        if (near := _truth(system, followed["mhb61"], answer)) is not None:
             key = round(near.parameters["V"], 7), round(near.omega, 7)
             if key not in polished:
                 polished[key] = verify(system, near).orbit
@@ -158,25 +158,26 @@ def _of_orbit(orbit: Orbit, milliseconds: float, peaks: bool = True) -> Answer:
     return Answer(orbit.parameters["V"], orbit.omega, size("q1"), size("q3"), peaks, milliseconds)
 
 
-def _at_amplitude(followed: TracedBranch, a1: float, peaks: bool = False) -> Answer | None:
+def _at_amplitude(system: System, followed: TracedBranch, a1: float, peaks: bool = False) -> Answer | None:
     """Return the cycle of a method with the first-harmonic amplitude a1 of the front wheelset."""
     near = min(followed.branch.orbits, key=lambda o: abs(o.first_harmonic("q1") - a1))
+    equations = method_named(followed.name).equations(system)
     start = time.perf_counter()
     try:
-        orbit = solve(followed.equations, near, amplitude={"q1": a1}, free="V")
+        orbit = solve(equations, near, amplitude={"q1": a1}, free="V")
     except ConvergenceError:
         return None
     return _of_orbit(orbit, 1e3 * (time.perf_counter() - start), peaks)
 
 
-def _truth(converged: TracedBranch, answer: Answer) -> Orbit | None:
+def _truth(system: System, converged: TracedBranch, answer: Answer) -> Orbit | None:
     """Return the converged cycle at the answer's speed, the one nearest in a1; at its a1 where there is none."""
     found = [orbit for orbit, _ in converged.at(answer.V).values()]
     if found:
         return min(found, key=lambda o: abs((o.amplitude if answer.peaks else o.first_harmonic)("q1") - answer.a1))
     near = min(converged.branch.orbits, key=lambda o: abs(o.first_harmonic("q1") - answer.a1))
     try:
-        return solve(converged.equations, near, amplitude={"q1": answer.a1}, free="V")
+        return solve(method_named(converged.name).equations(system), near, amplitude={"q1": answer.a1}, free="V")
     except ConvergenceError:
         return None
 
@@ -298,7 +299,7 @@ def _dress(method: str) -> dict[str, Any]:
     """Return colour and width of a method's lines: the converged one pale and wide, below the others."""
     from hbbogie.plot import COLOURS
 
-    known = {"df1": 0, "df2": 1, "mhb3": 2, "mhb15": 3, "RK4": 4}
+    known = {"df1": 0, "df2": 1, "mhb3": 2, "mhb15": 3, "RK4": 4, "exact": 6}
     if method == "mhb61":
         return {"color": "#c8c8c8", "lw": 5.0}
     return {"color": COLOURS[known.get(method, 5)], "lw": 1.3}

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie import Branch, ConvergenceError, HarmonicBalance, Orbit, System, floquet, hopf_points, solve, trace
-from hbbogie.branches import ORDERS, crossings, estimate, judged
+from hbbogie import (
+    Branch,
+    ConvergenceError,
+    HarmonicBalance,
+    ModelError,
+    Orbit,
+    System,
+    floquet,
+    hopf_points,
+    solve,
+    trace,
+)
+from hbbogie.branches import ORDERS, crossings, estimate, exact_crossings, exact_walk, judged
 from hbbogie.motion import settle
 from hbbogie.progress import Progress
 from hbbogie.reports import Report, Table
@@ -21,12 +32,13 @@ from .bogie import PARAMETER, RANGE, TABLE_1, State
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from hbbogie.exact import Walk
     from hbbogie.methods import Equations
 
 TOLERANCE = 1e-3  # error of frequency and waveform by shooting that decides how many harmonics are taken
 TRUTH = 61  # highest harmonic that the others are compared with
 PUSHED = {"q1": 0.03, "q3": 0.03}  # m; both wheelsets against the flange, as in Fig. 6 of the paper
-EL, NI, MHB, RK4 = "printed EL", "printed NI", "MHB", "RK4"
+EL, NI, MHB, EXACT, RK4 = "printed EL", "printed NI", "MHB", "exact", "RK4"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +53,15 @@ class StateComparison:
     integrated : (float, float, float) or None
         Frequency [rad/s] and peaks of q1 and q3 [m] by Runge-Kutta integration, where the cycle is stable.
     remark : str
+    exact : Orbit or None
+        The cycle in closed form at the speed of the orbit, where there is one.
     """
 
     printed: State
     orbit: Orbit | None
     integrated: tuple[float, float, float] | None
     remark: str
+    exact: Orbit | None = None
 
 
 def study(system: System, progress: Progress) -> Report:
@@ -64,10 +79,12 @@ def study(system: System, progress: Progress) -> Report:
         if error <= TOLERANCE:
             break
     branch = judged(system, branch)
+    walk, closed = _in_closed_form(system, hopf[0])
     rows = []
     for i, state in enumerate(TABLE_1):
         progress(f"state {state.state} of Table 1", 0.3 + 0.4 * i / len(TABLE_1))
-        rows.append(compare(system, balance, branch, hopf[0], state))
+        row = compare(system, balance, branch, hopf[0], state)
+        rows.append(row if walk is None else replace(row, exact=_exact_beside(walk, row)))
     progress(f"highest harmonics 1 to {TRUTH}", 0.7)
     convergence = harmonic_convergence(system, rows, hopf[0], H)
     tables = (table_of_states(rows, H), table_of_deviations(rows), convergence)
@@ -78,6 +95,7 @@ def study(system: System, progress: Progress) -> Report:
         f"({hopf[0].omega / (2 * np.pi):.4f} Hz); printed: 91.00 m/s, 26.96 rad/s.",
         f"Nonlinear critical speed (fold) with harmonics up to {H}: {', '.join(folds) or 'none in the range'}. "
         "Below it there is no hunting cycle.",
+        closed,
         f"The branch: {branch.ends[0]}; {branch.ends[1]}.",
         *resolved,
     )
@@ -88,6 +106,24 @@ def study(system: System, progress: Progress) -> Report:
         "folds": [f.value for f in branch.folds()],
     }
     return Report("Limit cycles of Yang's bogie", tables, {"branch": branch}, figures, notes, data)
+
+
+def _in_closed_form(system: System, hopf: SpecialPoint) -> tuple[Walk | None, str]:
+    """Return the branch of exact cycles, None where there is none, and a sentence."""
+    try:
+        walk = exact_walk(system, hopf, RANGE)
+    except (ModelError, ConvergenceError) as error:
+        return None, f"No cycles in closed form: {error}"
+    folds = ", ".join(f"{f.value:.8f} m/s" for f in walk.marked("fold")) or "none in the range"
+    return walk, f"The fold in closed form, without harmonics that are left out: {folds}."
+
+
+def _exact_beside(walk: Walk, row: StateComparison) -> Orbit | None:
+    """Return the exact cycle beside one of harmonic balance: at its speed, the nearest in frequency."""
+    if row.orbit is None or row.printed.state == 1:
+        return None
+    found = [orbit for _, orbit in exact_crossings(walk, row.orbit.parameters[PARAMETER])]
+    return min(found, key=lambda o: abs(o.omega - row.orbit.omega), default=None)
 
 
 def compare(system: System, balance: Equations, branch: Branch, hopf: SpecialPoint, state: State) -> StateComparison:
@@ -127,31 +163,32 @@ def compare(system: System, balance: Equations, branch: Branch, hopf: SpecialPoi
     return StateComparison(state, orbit, integrated, remark)
 
 
+def _peaks(orbit: Orbit | None) -> tuple[float | None, float | None, float | None]:
+    return (None,) * 3 if orbit is None else (orbit.omega, orbit.amplitude("q1"), orbit.amplitude("q3"))
+
+
 def _computed(row: StateComparison) -> tuple[float | None, float | None, float | None]:
     """Return frequency and peaks by multi-harmonic balance; at the Hopf point the amplitude is anything up to y0."""
-    if row.orbit is None:
-        return None, None, None
-    if row.printed.state == 1:
-        return row.orbit.omega, None, None
-    return row.orbit.omega, row.orbit.amplitude("q1"), row.orbit.amplitude("q3")
+    return (row.orbit.omega, None, None) if row.printed.state == 1 and row.orbit else _peaks(row.orbit)
 
 
 def table_of_states(rows: list[StateComparison], H: int) -> Table:
     """Return Table 1 of the paper with our columns beside the printed ones."""
     columns = ["state", "V [m/s]"]
-    columns += [f"omega {m} [rad/s]" for m in (EL, NI, MHB, RK4)]
-    columns += [f"{a} {m} [mm]" for a in ("a1", "a2") for m in (EL, NI, MHB, RK4)]
+    columns += [f"omega {m} [rad/s]" for m in (EL, NI, MHB, EXACT, RK4)]
+    columns += [f"{a} {m} [mm]" for a in ("a1", "a2") for m in (EL, NI, MHB, EXACT, RK4)]
     body = []
     for row in rows:
-        s, ours, rk4 = row.printed, _computed(row), row.integrated or (None, None, None)
-        amplitudes = [s.a1_el, s.a1_ni, ours[1], rk4[1], s.a2_el, s.a2_ni, ours[2], rk4[2]]
+        s, ours, exact, rk4 = row.printed, _computed(row), _peaks(row.exact), row.integrated or (None, None, None)
+        amplitudes = [s.a1_el, s.a1_ni, ours[1], exact[1], rk4[1], s.a2_el, s.a2_ni, ours[2], exact[2], rk4[2]]
         millimetres = [None if a is None else 1e3 * a for a in amplitudes]
         stability = row.orbit.stability.verdict if row.orbit and row.orbit.stability else None
-        body.append((s.state, s.V, s.omega_el, s.omega_ni, ours[0], rk4[0], *millimetres, stability))
-    formats = ("d", ".2f", ".2f", ".2f", ".3f", ".3f", *[".1f", ".1f", ".3f", ".3f"] * 2, "")
+        body.append((s.state, s.V, s.omega_el, s.omega_ni, ours[0], exact[0], rk4[0], *millimetres, stability))
+    formats = ("d", ".2f", ".2f", ".2f", *[".3f"] * 3, *[".1f", ".1f", *[".3f"] * 3] * 2, "")
     notes = (
         "EL: equivalent linearisation; NI: numerical integration (its printed frequencies are read off a 5 ms grid). "
-        f"MHB: multi-harmonic balance, odd harmonics up to {H}; RK4: our integration, step 1 ms. "
+        f"MHB: multi-harmonic balance, odd harmonics up to {H}; exact: cycles in closed form, at the speed of MHB's; "
+        "RK4: our integration, step 1 ms. "
         "a1, a2: peak of the lateral displacement of the front and rear wheelset.",
         *(f"State {r.printed.state}: {r.remark}." for r in rows if r.remark),
     )
@@ -161,19 +198,19 @@ def table_of_states(rows: list[StateComparison], H: int) -> Table:
 
 
 def table_of_deviations(rows: list[StateComparison]) -> Table:
-    """Return the relative deviations of multi-harmonic balance from the printed columns and from our integration."""
+    """Return the relative deviations of multi-harmonic balance from the other columns."""
     quantities = ("omega", "a1", "a2")
-    columns = ("state", *(f"{q} MHB - {m} [%]" for m in (NI, RK4, EL) for q in quantities))
+    columns = ("state", *(f"{q} MHB - {m} [%]" for m in (NI, RK4, EXACT, EL) for q in quantities))
     body = []
     for row in rows:
         s, ours = row.printed, _computed(row)
-        printed = (s.omega_ni, s.a1_ni, s.a2_ni), row.integrated or (None,) * 3, (s.omega_el, s.a1_el, s.a2_el)
+        integrated, exact = row.integrated or (None,) * 3, _peaks(row.exact)
         entries: list[float | None] = []
-        for column in printed:
+        for column in ((s.omega_ni, s.a1_ni, s.a2_ni), integrated, exact, (s.omega_el, s.a1_el, s.a2_el)):
             pairs = zip(ours, column, strict=True)
             entries += [None if a is None or b is None else 100 * (a / b - 1) for a, b in pairs]
         body.append((s.state, *entries))
-    formats = ("d", *[".2f"] * 3, *[".4f"] * 3, *[".2f"] * 3)
+    formats = ("d", *[".2f"] * 3, *[".4f"] * 6, *[".2f"] * 3)
     return Table("deviations", "Deviation of multi-harmonic balance", columns, tuple(body), formats)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.branches import compare, method_named
+from hbbogie.branches import compare, exact_crossings, exact_walk, method_named
 from hbbogie.reports import comparison_of, table_of_errors, table_of_methods, verdicts
 
 SILENT = lambda message, fraction: None  # noqa: E731
@@ -58,6 +58,55 @@ def test_tables_and_sentences_come_from_the_numbers(found):
     said = {text.split(":")[0]: text for text in verdicts(found)}
     assert "within 1 % in frequency and amplitude at 1 of 4" in said["df1"] and "-1.1 %" in said["df1"]
     assert "4 of 4" in said["mhb15"]
+
+
+@pytest.fixture(scope="module")
+def exact(bogie):
+    values = (88.7642, 88.768, 90.0, 127.81, 190.0)
+    return compare(bogie, ("mhb5", "Mhb31"), values, parameter="V", interval=(60.0, 190.0), truth="exact")
+
+
+class TestClosedForm:
+    """Cycles without harmonics that are left out, as the truth and beside others."""
+
+    def test_every_cycle_of_both_parts_is_found(self, exact):
+        both = [(V, part) for V in (88.7642, 88.768, 90.0) for part in (0, 1)]
+        assert [(row.value, row.part) for row in exact.rows] == [*both, (127.81, 1), (190.0, 1)]
+        assert exact.methods["exact"].fold == pytest.approx(88.7641131943, abs=5e-11)
+        for row in exact.rows:
+            assert row.truth.parameters["V"] == pytest.approx(row.value, rel=1e-13)
+
+    def test_harmonics_tend_to_it(self, exact):
+        coarse, fine = (
+            max(abs(row.error(name, quantity)) for row in exact.rows[4:] for quantity in exact.quantities().values())
+            for name in ("mhb5", "mhb31")
+        )
+        assert fine < 5e-3 and fine < 0.01 * coarse
+
+    def test_its_branch_is_plain_data(self, exact, tmp_path):
+        branch = exact.methods["exact"].branch
+        assert [s.kind for s in branch.special] == ["hopf", "grazing", "grazing", "fold"]
+        branch.save(tmp_path / "exact.nc")
+        again = hb.Branch.load(tmp_path / "exact.nc")
+        assert again.values == pytest.approx(branch.values) and again.folds()[0].status == branch.folds()[0].status
+        stable = [o.stability.verdict for o in branch.orbits]
+        assert stable[2] == "unstable" and stable[-1] == "stable"
+
+    def test_beside_the_fold_two_cycles_are_told_apart(self, bogie, exact):
+        """They part with the root of the distance to the fold."""
+        (hopf,) = hb.hopf_points(bogie, "V", (60.0, 190.0))
+        walk = exact_walk(bogie, hopf, (60.0, 190.0))
+        fold, apart = walk.marked("fold")[0].value, []
+        for distance in (1e-8, 4e-8, 16e-8):
+            cycles = dict(exact_crossings(walk, fold + distance))
+            assert set(cycles) == {0, 1}
+            apart.append(cycles[1].omega - cycles[0].omega)
+        assert np.array(apart[1:]) / apart[:-1] == pytest.approx(2.0, rel=1e-3)
+        assert not list(exact_crossings(walk, fold - 1e-8))
+
+    def test_what_bends_has_no_closed_form(self):
+        with pytest.raises(hb.ModelError, match="nothing that switches"):
+            compare(hb.load_problem("bautin").bautin(), ("exact",), (-0.2,), interval=(-0.3, 0.2), truth="mhb5")
 
 
 @pytest.mark.parametrize("name", ["df3", "mhb", "mhb0", "shooting", ""])

@@ -186,7 +186,23 @@ def test_smooth_fold_of_the_circuit():
 def test_fold_whose_hopf_point_lies_beyond_the_interval(bogie):
     (fold,) = hb.critical_speeds(bogie, "V", (60.0, 90.0))
     assert fold.kind == "fold" and fold.value == pytest.approx(88.7641, abs=1e-3)
-    assert 0 < fold.error < 2e-3 and abs(fold.value - 88.764113) < fold.error
+    assert fold.error == pytest.approx(88.7641131943 - fold.value, abs=2e-10)
+
+
+@pytest.mark.parametrize("H", [1, 5, 15])
+def test_the_error_of_a_fold_is_its_distance_from_the_exact_one(bogie, H):
+    """However few the harmonics: of them 1 is off by 1 m/s."""
+    fold = hb.critical_speeds(bogie, "V", (60.0, 190.0), harmonics=H)[0]
+    assert fold.value + fold.error == pytest.approx(88.7641131943, abs=1e-9)
+    assert "the fold in closed form lies at 88.7641131943" in fold.status
+
+
+def test_the_error_of_a_smooth_fold_is_an_estimate():
+    system = hb.load_problem("bautin").bautin()
+    fold = hb.critical_speeds(system, "mu", (-2.0, 0.5))[0]
+    assert fold.error < 1e-8 and fold.status.endswith("which is no bound")
+    few = hb.critical_speeds(system, "mu", (-2.0, 0.5), harmonics=3)[0]
+    assert np.isnan(few.error) and "error" not in few.status
 
 
 def test_fold_next_to_the_hopf_point(bogie):

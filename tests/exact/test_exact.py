@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm, expm_frechet
+from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import hbbogie as hb
@@ -15,8 +15,6 @@ from hbbogie.errors import ModelError
 from hbbogie.exact import (
     cycle_of,
     exact_cycle,
-    exponentials,
-    exponentials_with_derivative,
     sequence_passed,
     settled,
     stabilities,
@@ -231,24 +229,3 @@ def test_what_is_not_piecewise_linear_is_refused():
         switched_linear(hb.System("b", [x], [], [x.ddot + x]))
     with pytest.raises(ModelError, match="not linear in the coordinates"):
         switched_linear(hb.System("c", [x, y], [], [x.ddot + gap, y.dot + x * y], [gap]))
-
-
-def test_exponentials():
-    rng = np.random.default_rng(0)
-    A = rng.standard_normal((2, 3, 6, 6))
-    A[0, 1] = 5 * np.diag(np.ones(5), 1)  # one Jordan block
-    D, of, h = (
-        rng.standard_normal(A.shape),
-        np.array([2, 0, 1, 0]),
-        np.array([[0.1, 3.0, 1.0, -0.5], [8.0, 1e-9, 0, 1]]),
-    )
-    levels, L = exponentials_with_derivative(A, D, of, h)
-    for b in range(2):
-        for i, u in enumerate(of):
-            E, dE = expm_frechet(A[b, u] * h[b, i], D[b, u] * h[b, i])
-            assert levels[3][b, i] == pytest.approx(E, abs=1e-13 * np.abs(E).max() * max(1, abs(h[b, i])))
-            assert L[b, i] == pytest.approx(dE, abs=1e-12 * max(np.abs(dE).max(), 1e-300))
-            for part, level in zip((8, 4, 2), levels, strict=False):
-                E = expm(A[b, u] * h[b, i] / part)
-                assert level[b, i] == pytest.approx(E, abs=1e-13 * np.abs(E).max())
-    assert all((a == b).all() for a, b in zip(levels, exponentials(A, of, h), strict=True))

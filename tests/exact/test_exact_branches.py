@@ -33,7 +33,7 @@ def walk(bogie):
 
 
 def test_branch_of_the_bogie(bogie, walk):
-    assert walk.end == "the end of the interval, 190"
+    assert str(walk.end) == "the end of the interval, 190"
     start, rear = walk.marked("grazing")
     (fold,) = walk.marked("fold")
     assert start.value == pytest.approx(90.974, abs=5e-4) and start.omega == pytest.approx(26.9485, abs=5e-5)
@@ -152,11 +152,13 @@ def test_a_branch_that_ends_where_its_contact_is_lost():
     system = hb.System("damper behind a gap", [x], [c, k], [x.ddot - c * x.dot + x + stop], [stop])
     (hopf,) = hb.hopf_points(system, "c", (-0.5, 0.5))
     walk = follow(at_grazing(system, hopf), (-0.5, 0.5))
-    assert walk.end == "the end of the interval, 0.5"
+    assert str(walk.end) == "the end of the interval, 0.5"
     assert min(p.value for p in walk.points) > -1e-12 and not walk.marked("fold")
     back = walk.points[5]
     down = follow(type(back)(back.closing, back.y, -back.tangent, back.at), (-0.5, 0.5))
-    assert down.end.startswith("the last contact is lost") and down.points[-1].value == pytest.approx(0.0, abs=1e-12)
+    assert str(down.end).startswith("the last contact is lost") and down.points[-1].value == pytest.approx(
+        0.0, abs=1e-12
+    )
     assert cycle_of(down.points[-1]).omega == pytest.approx(1.0, rel=1e-12)
 
 

@@ -18,6 +18,7 @@ from small_studies import process, write_study
 
 import hbbogie as hb
 from hbbogie import plot, studies
+from hbbogie.errors import ModelError
 from hbbogie.reports import report_of, write_html
 from hbbogie.reports.study import _most_correlated
 from hbbogie.studies import (
@@ -452,6 +453,45 @@ class TestCritical:
             for other in (found["warm"][name].values, found["back"][name].values[::-1]):
                 np.testing.assert_allclose(other, found["cold"][name].values, rtol=1e-6)
         np.testing.assert_allclose(found["warm"]["fold"].values, found["cold"]["fold"].values, rtol=1e-9)
+
+    def test_cycles_in_closed_form_give_the_same_rows(self, bogie):
+        """Two independent methods; the rows of one are those of the other but for the harmonics left out."""
+        points = studies.latin_hypercube(studies.around(bogie, 0.2, ["lam", "K2", "f11", "Mw"]), 4, seed=3)
+        options = {"interval": [40.0, 160.0]}
+        data = {
+            method: hb.sweep("critical", points, problem="yang1995", options=options | more, workers=0)
+            for method, more in (("mhb", {"harmonics": 31}), ("exact", {"method": "exact"}))
+        }
+        assert set(data["mhb"]) - set(data["exact"]) == {"hopfs"} and set(data["exact"]) <= set(data["mhb"])
+        assert not data["exact"]["failed"].any()
+        for name, tolerance in (("critical", 1e-5), ("hopf", 1e-9), ("fold_omega", 1e-5), ("fold_q1", 1e-4)):
+            np.testing.assert_allclose(data["exact"][name], data["mhb"][name], rtol=tolerance)
+        for name in ("kind", "folds"):
+            assert (data["exact"][name] == data["mhb"][name]).all()
+        np.testing.assert_allclose(data["exact"]["dhopf_dlam"], data["mhb"]["dhopf_dlam"], rtol=1e-7)
+        np.testing.assert_allclose(data["exact"]["dfold_dlam"], data["mhb"]["dfold_dlam"], rtol=1e-3)
+        assert data["exact"]["dfold_dlam"].attrs["units"] == data["mhb"]["dfold_dlam"].attrs["units"]
+
+    def test_no_fold_and_no_hopf_point_are_answers_of_the_exact_method(self, bogie):
+        options = {"interval": [40.0, 160.0], "method": "exact"}
+        points = [{"lam": 1e-4}, {"lam": 0.05}]
+        rows = hb.sweep("critical", points, problem="yang1995", options=options, workers=0)
+        assert not rows["failed"].any() and rows["kind"].values.tolist() == ["", "fold"]
+        assert "no Hopf point from 40 to 160" in rows["status"].values[0]
+        # at the default parameters there is none: the point is its own beginning
+        exact, longer = (
+            hb.sweep(
+                "critical", [{"lam": 0.15}], problem="yang1995", options={"interval": [20.0, 70.0]} | more, workers=0
+            )
+            for more in ({"method": "exact"}, {})
+        )
+        np.testing.assert_allclose(exact["critical"], longer["critical"], rtol=1e-4)
+
+    def test_an_exact_method_needs_straight_lines(self):
+        smooth = hb.load_problem("bautin").bautin()
+        for method, message in (("exct", "Did you mean 'exact'"), ("exact", "nothing that switches")):
+            with pytest.raises(ModelError, match=message):
+                smallest_critical(smooth, "mu", (-2.0, 0.5), method=method)
 
     def test_bautin_in_closed_form(self):
         data = hb.sweep(

@@ -1,0 +1,134 @@
+"""Critical values of many designs at once, for systems that are linear between switchings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hbbogie.errors import ModelError
+from hbbogie.exact.critical import critical_values
+from hbbogie.model.ranges import default_reach
+from hbbogie.model.system import System
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalDesigns:
+    """Critical values of a parameter for D designs, each with its gradient; NaN stands for what does not exist.
+
+    Attributes
+    ----------
+    parameter : str
+    points : dict of ndarray, each of shape (D,)
+        The parameters that were given, by name, in the unit of each.
+    fold : ndarray, shape (D,), unit of the parameter
+        The smallest fold, below the Hopf point, of the branch that begins there.
+    fold_omega : ndarray, shape (D,), rad/s
+    fold_gradient : dict of ndarray, each of shape (D,), unit of the parameter per unit of each
+        Derivative of the fold's value in every other parameter, by name.
+    hopf : ndarray, shape (D,), unit of the parameter
+        The Hopf point at which the equilibrium loses its stability.
+    hopf_omega : ndarray, shape (D,), rad/s
+    hopf_gradient : dict of ndarray, each of shape (D,), unit of the parameter per unit of each
+    failed : ndarray of bool, shape (D,)
+        Whether it is not known if there is a fold.
+    status : tuple of D str
+        How each fold was found; where there is none, how the branch goes on, as evidence.
+    """
+
+    parameter: str
+    points: dict[str, Array]
+    fold: Array
+    fold_omega: Array
+    fold_gradient: dict[str, Array]
+    hopf: Array
+    hopf_omega: Array
+    hopf_gradient: dict[str, Array]
+    failed: NDArray[np.bool_]
+    status: tuple[str, ...]
+
+    @property
+    def critical(self) -> Array:
+        """The smaller of fold and Hopf point, shape (D,), unit of the parameter; NaN also where it is not known."""
+        return np.where(self.failed, np.nan, np.fmin(self.fold, self.hopf))
+
+
+def critical_speeds_of(
+    system: System,
+    points: Mapping[str, ArrayLike],
+    *,
+    parameter: str = "V",
+    interval: tuple[float, float] | None = None,
+) -> CriticalDesigns:
+    """Find the first Hopf point and the fold below it of many designs, with their gradients, in closed form.
+
+    The folds are those of exact cycles, without harmonics that are left out. All designs are solved for together,
+    from the fold of the system's own parameter values; where that fails, the branch of the design is followed from
+    its Hopf point. For any other system, and for every critical value of one, there is `critical_speeds`.
+
+    Parameters
+    ----------
+    system : System
+        Linear between the switchings of piecewise-linear laws. Its own parameter values are the nominal design, and
+        those of every design in all parameters that the points leave out.
+    points : mapping from name to array_like, shape (D,), unit of the parameter
+        Parameter values of the designs; a single number serves all of them.
+    parameter : str
+        Whose critical values are looked for.
+    interval : (float, float), optional, unit of the parameter
+        Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out.
+
+    Returns
+    -------
+    CriticalDesigns
+
+    Raises
+    ------
+    ModelError
+        When the system is not linear between switchings, for wrong names or values.
+    ConvergenceError
+        When the system's own parameter values have no Hopf point in the interval, or no contact that its cycles touch.
+
+    Examples
+    --------
+    >>> import hbbogie as hb
+    >>> bogie = hb.load_problem("yang1995").bogie()
+    >>> found = hb.critical.critical_speeds_of(bogie, {"lam": [0.045, 0.05, 0.055]})
+    >>> found.fold.round(6)
+    array([93.622471, 88.764113, 84.541414])
+    >>> bool(found.fold_gradient["lam"][1] < 0)
+    True
+    """
+    given = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in points.items()}
+    if parameter in given:
+        raise ModelError(f"critical_speeds_of: {parameter!r} is what is looked for; leave it out of the points.")
+    if not given:
+        raise ModelError("critical_speeds_of: no points are given; give values, such as {'lam': [0.04, 0.05]}.")
+    sizes = {name: values.shape for name, values in given.items()}
+    try:
+        designs = dict(zip(given, map(np.array, np.broadcast_arrays(*given.values())), strict=True))
+    except ValueError:
+        designs = {}
+    if not designs or any(values.ndim != 1 or not len(values) for values in designs.values()):
+        raise ModelError(f"critical_speeds_of: the points have the shapes {sizes}; give one number for each design.")
+    for name, values in designs.items():
+        for value in (values.min(), values.max()):
+            system.with_parameters(**{name: value})  # raises where it is unknown or out of bounds
+    D, names = len(next(iter(designs.values()))), system.parameter_names
+    p = np.tile(system.vector(), (D, 1))
+    for name, values in designs.items():
+        p[:, names.index(name)] = values
+    found = critical_values(system, p, parameter, interval or default_reach(system, parameter))
+    hopf = found.hopf
+
+    def by_name(gradient: Array) -> dict[str, Array]:
+        return {name: gradient[:, i] for i, name in enumerate(names) if name != parameter}
+
+    return CriticalDesigns(
+        parameter, designs, found.fold, found.fold_omega, by_name(found.fold_gradient), hopf.value, hopf.omega,
+        by_name(hopf.gradient), found.failed, found.status,
+    )  # fmt: skip

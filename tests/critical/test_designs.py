@@ -1,0 +1,79 @@
+"""Critical values of many designs at once against those of one design by harmonic balance, and exact branches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hbbogie as hb
+from hbbogie.critical import critical_speeds_of
+from hbbogie.errors import ModelError
+from hbbogie.exact import at_grazing, follow
+from hbbogie.results import ConvergenceError
+
+SPAN = (40.0, 160.0)
+NAMES = ("Mw", "Mf", "K1", "K2", "K4", "D2", "lam", "f11")
+
+
+@pytest.fixture(scope="module")
+def points(bogie):
+    chosen = hb.studies.latin_hypercube(hb.studies.around(bogie, 0.2, NAMES), 6, seed=11)
+    return dict(zip(chosen.names, chosen.values.T, strict=True))
+
+
+def test_random_bogies_by_two_methods(bogie, points):
+    """Two independent methods: 21 harmonics leave out less than 1e-4 of the fold, and nothing of the Hopf point."""
+    found = critical_speeds_of(bogie, points, interval=SPAN)
+    assert not found.failed.any()
+    for d in range(6):
+        one = bogie.with_parameters(**{name: values[d] for name, values in points.items()})
+        by_kind = {c.kind: c for c in reversed(hb.critical_speeds(one, "V", SPAN))}
+        assert found.critical[d] == pytest.approx(min(c.value for c in by_kind.values()), rel=1e-4)
+        assert found.hopf[d] == pytest.approx(by_kind["hopf"].value, rel=1e-9)
+        assert found.hopf_omega[d] == pytest.approx(by_kind["hopf"].omega, rel=1e-9)
+        assert ("fold" in by_kind and by_kind["fold"].value < found.hopf[d]) == np.isfinite(found.fold[d])
+        for name in NAMES:
+            assert found.hopf_gradient[name][d] == pytest.approx(by_kind["hopf"].gradient[name], rel=1e-6)
+            if np.isfinite(found.fold[d]):
+                share = bogie.values[name] / found.fold[d]  # gradients as elasticities
+                other = by_kind["fold"].gradient[name] * share
+                assert found.fold_gradient[name][d] * share == pytest.approx(other, abs=2e-3)
+
+
+def test_random_bogies_against_their_exact_branches(bogie, points):
+    found = critical_speeds_of(bogie, points, interval=SPAN)
+    for d in range(6):
+        one = bogie.with_parameters(**{name: values[d] for name, values in points.items()})
+        hopf = hb.hopf_points(one, "V", SPAN)[0]
+        folds = [q.value for q in follow(at_grazing(one, hopf), (SPAN[0], 1.2 * hopf.value)).marked("fold")]
+        assert found.fold[d] == pytest.approx(min(v for v in folds if v < hopf.value), rel=1e-9, nan_ok=True)
+
+
+def test_one_number_serves_all_designs(bogie):
+    found = critical_speeds_of(bogie, {"lam": [0.048, 0.052], "K2": 9e6}, interval=SPAN)
+    assert found.points["K2"].tolist() == [9e6, 9e6] and found.fold.shape == (2,)
+    assert found.fold[0] > found.fold[1] and (found.critical == found.fold).all()
+
+
+def test_a_design_that_never_loses_its_stability(bogie):
+    found = critical_speeds_of(bogie, {"lam": [1e-4]}, interval=SPAN)
+    assert np.isnan(found.critical[0]) and not found.failed[0] and "no Hopf point" in found.status[0]
+
+
+def test_what_cannot_be_asked(bogie):
+    for points, message in (
+        ({"V": [90.0]}, "what is looked for"),
+        ({}, "no points are given"),
+        ({"lam": []}, "one number for each design"),
+        ({"lam": [0.05, 0.06], "K2": [1e6, 2e6, 3e6]}, "one number for each design"),
+        ({"lam": [[0.05]]}, "one number for each design"),
+        ({"lamda": [0.05]}, "Did you mean 'lam'"),
+        ({"lam": [0.05, np.nan]}, "finite number"),
+    ):
+        with pytest.raises(ModelError, match=message):
+            critical_speeds_of(bogie, points, interval=SPAN)
+    with pytest.raises(ConvergenceError, match="no Hopf point"):
+        critical_speeds_of(bogie, {"lam": [0.05]}, interval=(10.0, 20.0))
+    with pytest.raises(ModelError, match="nothing that switches"):
+        smooth = hb.load_problem("bautin").bautin()
+        critical_speeds_of(smooth, {"a": [1.0]}, parameter="mu", interval=(-2.0, 0.5))

@@ -1,0 +1,66 @@
+"""Transition matrices: exponentials against SciPy's, and the exact ones against Runge-Kutta steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, expm_frechet
+
+import hbbogie as hb
+from hbbogie.model import DeadBand
+from hbbogie.stability import exponentials, exponentials_with_derivative, floquet
+
+
+def test_exponentials():
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((2, 3, 6, 6))
+    A[0, 1] = 5 * np.diag(np.ones(5), 1)  # one Jordan block
+    D, of, h = (
+        rng.standard_normal(A.shape),
+        np.array([2, 0, 1, 0]),
+        np.array([[0.1, 3.0, 1.0, -0.5], [8.0, 1e-9, 0, 1]]),
+    )
+    levels, L = exponentials_with_derivative(A, D, of, h)
+    for b in range(2):
+        for i, u in enumerate(of):
+            E, dE = expm_frechet(A[b, u] * h[b, i], D[b, u] * h[b, i])
+            assert levels[3][b, i] == pytest.approx(E, abs=1e-13 * np.abs(E).max() * max(1, abs(h[b, i])))
+            assert L[b, i] == pytest.approx(dE, abs=1e-12 * max(np.abs(dE).max(), 1e-300))
+            for part, level in zip((8, 4, 2), levels, strict=False):
+                E = expm(A[b, u] * h[b, i] / part)
+                assert level[b, i] == pytest.approx(E, abs=1e-13 * np.abs(E).max())
+    assert all((a == b).all() for a, b in zip(levels, exponentials(A, of, h), strict=True))
+
+
+def test_runge_kutta_steps_tend_to_the_exponentials(bogie, cycles_at_90):
+    """Two independent ways: the error of the steps against the exponentials falls with the fourth power."""
+    for orbit in cycles_at_90:
+        exact = floquet(bogie, orbit)
+        large = np.abs(exact.multipliers) > 1e-3
+        errors = [
+            np.abs(floquet(bogie, orbit, steps=n).multipliers[large] - exact.multipliers[large]).max()
+            for n in (800, 1600, 3200)
+        ]
+        assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx([4.0, 4.0], abs=0.3)
+
+
+def test_the_determinant_of_a_stiff_system_is_not_lost():
+    """A fast mode decays by exp(-6000) over the period: only its smallness is known, and the gate is met.
+
+    The slow pair is a mass with a stop: two rotations in closed form.
+    """
+    x, y, k, r = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("k", 3.0), hb.Parameter("r", 1000.0)
+    stop = hb.Element("stop", DeadBand(k, 0.5), x)
+    system = hb.System("stop and filter", [x, y], [k, r], [x.ddot + x + stop, y.dot + r * (y - x)], [stop])
+    orbit = hb.Orbit(system.name, ("x", "y"), ("", ""), np.array([[0.0, 0], [1, 1], [0, 0]]), 1.0, dict(system.values))
+    result = floquet(system, orbit, tolerance=1e6)  # the orbit is none of the system's, its map is known all the same
+    a = np.arccos(0.5)
+
+    def turn(w: float, t: float) -> np.ndarray:
+        return np.array([[np.cos(w * t), np.sin(w * t) / w], [-w * np.sin(w * t), np.cos(w * t)]])
+
+    half = turn(2.0, 2 * a) @ turn(1.0, np.pi - 2 * a)
+    exact = np.linalg.eigvals(half @ half)
+    assert np.sort_complex(result.multipliers[:2]) == pytest.approx(np.sort_complex(exact), rel=1e-12)
+    assert abs(result.multipliers[2]) < 1e-15
+    assert float(result.reason.rsplit(" ", 1)[1][:-1]) < 1e-12  # of the logarithm of the determinant
