@@ -79,7 +79,7 @@ def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held:
     m, names = equations.size, equations.system.coordinate_names
     kept, slopes = np.ones(m), np.zeros((m, m))
     kept[places] = 0.0
-    means = [equations.unknowns.index(f"{name}, mean") for name in names]
+    means = np.array([equations.unknowns.index(f"{name}, mean") for name in names])
     slopes[np.ix_(places, means)] = rows
     offset = np.zeros(m)
     offset[places] = held
