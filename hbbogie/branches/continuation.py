@@ -16,6 +16,7 @@ from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.switching import first_beyond
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
+from hbbogie.methods.level import within_level
 from hbbogie.model.ranges import check_interval
 from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.ending import Ending
@@ -101,7 +102,7 @@ def trace(
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
     special = start if isinstance(start, SpecialPoint) else None
     origin = start.orbit if isinstance(start, SpecialPoint) else start
-    equations = equations.phased(origin)
+    equations = within_level(equations.phased(origin), origin)
     from_hopf = special is not None and special.kind == "hopf"
     begins = special is not None and (from_hopf or special.onward is not None)
     p = equations.system.vector()

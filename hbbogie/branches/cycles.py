@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.branches.crossing import _family, _from_hopf, crossings
+from hbbogie import fourier
+from hbbogie.branches.census import Census
+from hbbogie.branches.crossing import _family
 from hbbogie.branches.judging import verified
-from hbbogie.branches.simulated import distinct, settled_cycles
+from hbbogie.branches.same import once_each, samples
+from hbbogie.branches.simulated import NEAR, settled_cycles
+from hbbogie.equilibria.census import Start
 from hbbogie.errors import ModelError, positive
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.model.ranges import default_reach
+from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
-from hbbogie.results import Orbit, SpecialPoint
+from hbbogie.results import Cycles, Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
-from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
@@ -33,15 +34,17 @@ def find_cycles(
     harmonics: int | str = "auto",
     tolerance: float = 1e-3,
     stability: bool = True,
+    start: Start | None = None,
+    backwards: bool | None = None,
     **values: float,
-) -> list[Orbit]:
+) -> Cycles:
     """Find the cycles at given parameter values, by growing amplitude; no guess is needed.
 
-    Hopf points of the equilibrium are located over an interval of one parameter, the branches that begin
-    there are traced, and every crossing of the given value is solved for. Where that finds nothing,
-    motions are simulated from states of several sizes until they settle, forwards and backwards in time. Cycles on
-    branches that neither reach a Hopf point in the interval nor attract those motions are not found. The equilibrium
-    is the one at zero where that is one, else one near by: write the equations about another one to begin there.
+    A census: all equilibria over an interval of one parameter and half of it beyond (see `find_equilibria`), the branch
+    from every Hopf point on them, and motions simulated from beside the equilibria and from random states. Each
+    candidate is polished by shooting, and what is returned is the polished cycle with its own multipliers; two
+    candidates that lead to one cycle are one. A cycle that no Hopf point in reach leads to, and that none of the
+    motions comes near, is not found: ``evidence`` says what was looked at.
 
     Parameters
     ----------
@@ -53,26 +56,33 @@ def find_cycles(
         Where to look for Hopf points; by default twice the value (at least 1) to either side, within the
         parameter's bounds.
     harmonics : int or "auto"
-        Highest harmonic. "auto" begins with 15 and doubles, up to 127, until the error estimate of each cycle
-        meets the tolerance; a cycle that motions settle on and 127 do not resolve is polished by shooting.
+        Highest harmonic. "auto" gives the polished cycle with 15, 31, 63 or 127 harmonics, as the tolerance takes, or
+        as many as it has. With a number the cycles of harmonic balance next to the polished ones are given.
     tolerance : float
-        Largest error of frequency and waveform, relative, that "auto" is content with.
+        Largest error of the waveform, relative to the peak, that "auto" is content with. The frequency is that of the
+        polished cycle.
     stability : bool
         Whether to compute Floquet multipliers and the verdict, and the error estimates by shooting.
+    start : Orbit, Trajectory, mapping from name to value or sequence of float, optional
+        A state: only the equilibrium near it, and the motion from it, are looked at.
+    backwards : bool, optional
+        Whether motions are simulated backwards in time as well, where they settle on cycles that repel from all sides;
+        by default where the system has two states.
     **values : float
         Parameter values, by name.
 
     Returns
     -------
-    list of Orbit
-        Empty where no cycle was found.
+    Cycles : list of Orbit
+        Empty where no cycle was found. The list carries ``evidence``: equilibria with their eigenvalues, Hopf points,
+        branches and why each ended, motions and what they came to, what stayed undecided.
 
     Raises
     ------
     ModelError
         For wrong names or values, or when the cycles at this value form a continuous family.
     ConvergenceError
-        When the simulated motions leave it undecided whether there is a cycle.
+        When there is no cycle found, and simulated motions leave it undecided whether there is one.
 
     Examples
     --------
@@ -87,48 +97,72 @@ def find_cycles(
     name = parameter or next(iter(values), None) or next(iter(system.parameter_names), None)
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
-    value, (lo, hi) = system.values[system.parameter(name).name], interval or default_reach(system, name)
     if harmonics != "auto" and not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
         raise ModelError(f"find_cycles: harmonics={harmonics!r}; give a whole number from 1, or 'auto'.")
     tolerance = positive("tolerance", tolerance, "1")
-    if harmonics != "auto":
-        found = _search(HarmonicBalance(int(harmonics)).equations(system), name, value, (lo, hi))
-        return [_judged(system, orbit) for orbit in found] if stability else found
+    name = system.parameter(name).name
+    interval = check_interval(system, name, interval or default_reach(system, name))
+    census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
+    census.follow_branches()
+    census.simulate()
+    found, undecided = census.found, census.undecided
+    if not found:
+        found, undecided = _longer(census)
+    if not found and undecided:
+        raise ConvergenceError(
+            f"whether {system.name!r} has a cycle at {name} = {census.value:g} is undecided: {undecided[0]}",
+            statistics={"evidence": tuple(census.evidence)},
+        )
+    if not found:
+        census.say_none()
+    if harmonics == "auto":
+        judged = [_enough(o, tolerance) if o.method.startswith("multiple") else o for o in once_each(found)]
+    else:
+        judged = _balanced(census, once_each(found), int(harmonics), stability)
+    return Cycles([o if stability else o.replace(stability=None) for o in judged], census.evidence)
+
+
+def _longer(census: Census) -> tuple[list[Orbit], list[str]]:
+    """Let motions settle for as long as it takes, forwards and backwards in time; return cycles and what is open."""
+    system, name = census.system, census.parameter
     for H in ORDERS:
         try:
-            found = _search(HarmonicBalance(H).equations(system), name, value, (lo, hi))
-            break
+            settled = settled_cycles(HarmonicBalance(H).equations(system), name)
         except ConvergenceError as error:
-            if ORDERS[-1] == H and error.orbit is not None:
-                return [_by_shooting(system, error, error.orbit, stability)]
-            if ORDERS[-1] == H or not error.statistics.get("unresolved", True):
-                raise
-    return [_refined(system, orbit, tolerance, stability) for orbit in found]
+            if error.statistics.get("unresolved", True) and ORDERS[-1] != H:
+                continue
+            if error.orbit is not None and (polished := census.polished(error.orbit)) is not None:
+                return [polished], []
+            census.evidence.append(f"motions of up to the longest time: {error}")
+            return [], [str(error)]
+        if not all(_isolated(HarmonicBalance(H).equations(system), cycle) for cycle in settled):
+            raise ModelError(_family(name, census.value))
+        for cycle in settled:
+            census.consider(cycle, "a motion that settles")
+        census.evidence.append(f"motions of up to the longest time settle on {len(settled)} cycle(s)")
+        return census.found, []
+    return [], []
 
 
-def _search(equations: Equations, name: str, value: float, interval: tuple[float, float]) -> list[Orbit]:
-    """Find the cycles of some equations at a value of a parameter, by branches, else by simulation."""
-    found: list[Orbit] = []
-    for hopf, branch in _from_hopf(equations, name, interval, families=False):
-        small = _before(equations, hopf, branch.orbits[0], value)
-        found = distinct([*found, *small, *crossings(equations, branch, value)])
-    if not found:
-        found = settled_cycles(equations, name)
-        if not all(_isolated(equations, cycle) for cycle in found):
-            raise ModelError(_family(name, value))
-    return found
-
-
-def _by_shooting(system: System, error: ConvergenceError, motion: Orbit, stability: bool) -> Orbit:
-    """Return the cycle that a motion has settled on, polished by shooting, where no harmonics tried resolve it."""
-    try:
-        found = verify(system, motion)
-    except ConvergenceError:
-        raise error from None
-    orbit = found.orbit
-    errors = {"omega": found.closure * orbit.omega, "waveform": orbit.tail}
-    status = f"no harmonics up to {ORDERS[-1]} resolve it; a motion settles on it, polished by shooting: {orbit.status}"
-    return orbit.replace(errors=errors, status=status, stability=orbit.stability if stability else None)
+def _balanced(census: Census, found: list[Orbit], H: int, stability: bool) -> list[Orbit]:
+    """Return the cycles of harmonic balance with harmonics up to H next to those found."""
+    system, kept, failed = census.system, [], None
+    equations = HarmonicBalance(H).equations(system)
+    for orbit in found:
+        try:
+            near = solve(equations, orbit, method="newton")
+            if abs(near.omega / orbit.omega - 1) > NEAR:
+                raise ConvergenceError(f"they lead to another period, {near.period:.6g} s", orbit=near)
+            kept.append(_judged(system, near) if stability else near)
+        except ConvergenceError as error:
+            failed = (
+                f"{equations.method} do not resolve the cycle of period {orbit.period:.6g} s "
+                f"(ask for more with harmonics=...): {error}"
+            )
+            census.evidence.append(failed)
+    if failed and not kept:
+        raise ConvergenceError(failed, orbit=found[-1])
+    return kept
 
 
 def _judged(system: System, orbit: Orbit) -> Orbit:
@@ -136,39 +170,28 @@ def _judged(system: System, orbit: Orbit) -> Orbit:
     return verified(system, orbit)[0].replace(stability=floquet(system, orbit))
 
 
-def _refined(system: System, orbit: Orbit, tolerance: float, stability: bool) -> Orbit:
-    """Return the orbit with as many harmonics as the tolerance takes, judged by the cycle polished by shooting."""
-    best, error = verified(system, orbit)
-    for H in ORDERS:
-        if error <= tolerance or H <= orbit.H:
-            continue
-        try:
-            orbit = solve(HarmonicBalance(H).equations(system), orbit)
-        except ConvergenceError:
+def _enough(orbit: Orbit, tolerance: float) -> Orbit:
+    """Return a polished cycle with as many harmonics as the tolerance takes."""
+    peaks = np.abs(samples(orbit)).max(axis=0)
+    size = np.maximum(peaks, np.finfo(float).tiny)
+    moving = size > 1e-12 * size.max()
+    waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
+    for H in (*ORDERS, orbit.H):
+        if H >= orbit.H:
+            cut, error = orbit, max(orbit.tail, (orbit.errors or {})["waveform"])
             break
-        best, error = verified(system, orbit)
-    if best.stability is None and stability:
-        best = best.replace(stability=floquet(system, best))
+        left = float((waves[H:].sum(axis=0) / size)[moving].max())  # no less than the largest distance
+        cut, error = orbit.replace(coefficients=fourier.resize(orbit.coefficients, H)), left
+        if error <= tolerance:
+            break
+    errors = {**(orbit.errors or {}), "waveform": error}
+    if cut is not orbit:
+        errors |= {c: abs(cut.amplitude(c) - peak) for c, peak in zip(orbit.coordinates, peaks, strict=True)}
     enough = "meets" if error <= tolerance else "misses"
-    return best.replace(
-        stability=best.stability if stability else None,
-        status=f"{best.status}; with harmonics up to {best.H} the error estimate {error:.1e} {enough} {tolerance:.0e}",
+    return cut.replace(
+        errors=errors,
+        status=f"{orbit.status} Harmonics up to {cut.H} are given; their error {error:.1e} {enough} {tolerance:.0e}.",
     )
-
-
-def _before(equations: Equations, hopf: SpecialPoint, first: Orbit, value: float) -> list[Orbit]:
-    """Return the cycle at a value between a Hopf point and the first cycle computed of its branch, if there is one."""
-    width = first.parameters[hopf.parameter] - hopf.value
-    share = (value - hopf.value) / width if width else 0.0
-    if not 0 < share < 1:
-        return []
-    c = np.sqrt(share) * first.coefficients  # the parameter goes with the square of the amplitude
-    c[0] = hopf.orbit.coefficients[0] + share * (first.coefficients[0] - hopf.orbit.coefficients[0])
-    try:
-        at: dict[str, Any] = {hopf.parameter: value}
-        return [solve(equations, first.replace(coefficients=c), method="newton", **at)]
-    except ConvergenceError:
-        return []
 
 
 def _isolated(equations: Equations, orbit: Orbit) -> bool:

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.model.conserved import echelon, expression
 from hbbogie.model.derivatives import beside
 from hbbogie.model.system import System
 from hbbogie.solving.newton import Buffered
@@ -187,16 +188,16 @@ def conserved(system: System, parameter: str, values: tuple[float, float], start
     directions = min(nulls, key=lambda N: N.shape[1])
     if not directions.shape[1]:
         return Level.none(n)
-    directions = _echelon(directions.T).T
+    directions = echelon(directions.T).T
     p = system.vector()
     p[place] = values[0]
     f = system.once("rest pencil", lambda: _pencil(system))
     flat = f(start, p).full().reshape(n, 3, n)
     first, second = (directions.T @ flat[:, i] for i in (1, 2))
     still = np.abs(first).max(axis=1) == 0
-    rows = _echelon(np.where(still[:, None], second, first))
+    rows = echelon(np.where(still[:, None], second, first))
     text = tuple(
-        f"{_expression(row, system.coordinate_names)} is conserved{' on average' if s else ''}: "
+        f"{expression(row, system.coordinate_names)} is conserved{' on average' if s else ''}: "
         f"held at {row @ start:.6g}, the level of the start"
         for row, s in zip(rows, still, strict=True)
     )
@@ -212,26 +213,6 @@ def _angles(system: System) -> NDArray[np.bool_]:
     for i, r in enumerate(at[1:]):
         turned[i] = i in used and bool(np.abs(r - at[0]).max() <= 1e-12 * (1 + np.abs(at[0]).max()))
     return turned
-
-
-def _echelon(rows: Array) -> Array:
-    """Return a basis of the same space with few entries, by elimination; the first entry of each is 1."""
-    rows = rows.copy()
-    for k in range(len(rows)):
-        i, j = (int(x) for x in np.unravel_index(np.argmax(np.abs(rows[k:])), rows[k:].shape))
-        rows[[k, k + i]] = rows[[k + i, k]]
-        rows[k] /= rows[k, j]
-        for other in range(len(rows)):
-            if other != k:
-                rows[other] -= rows[other, j] * rows[k]
-        rows[np.abs(rows) < 1e-9] = 0.0
-    lead = [row[np.flatnonzero(row)[0]] if np.any(row) else 1.0 for row in rows]
-    return np.asarray(rows / np.array(lead)[:, None])
-
-
-def _expression(row: Array, names: tuple[str, ...]) -> str:
-    terms = [f"{'' if abs(w - 1) < 1e-9 else f'{w:.6g} '}{name}" for w, name in zip(row, names, strict=True) if w]
-    return " + ".join(terms).replace("+ -1 ", "- ").replace("+ -", "- ")
 
 
 def _declared(bounds: tuple[float, float]) -> float:

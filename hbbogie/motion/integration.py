@@ -23,6 +23,7 @@ BLOCKS = (500, 100, 20, 4, 1)
 LONGEST_STEP = 1e-3  # s; where none is asked for
 MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the memory of a laptop
 NEWTON_STEPS = 3  # for the time of a jump inside a step, from that of a straight line
+BRIEF = 2000  # steps between two samples of a motion that is only looked at
 TOO_LARGE = 1e12  # a state beyond this has left every physical model
 
 
@@ -177,6 +178,22 @@ def _advance(system: System, method: str, tolerance: float, size: int, x: Array,
         ) from error
 
 
+def states_after(system: System, x: Array, p: Array, h: float, count: int, tolerance: float) -> Array:
+    """Return the states after 1, 2, ... count steps of h [s] by CVODES, shape (count, n_states).
+
+    Raises
+    ------
+    ConvergenceError
+        When the integration gives up.
+    """
+    run = system.once(("brief", tolerance, count), lambda: _cvodes(system, tolerance, count, BRIEF))
+    try:
+        return np.asarray(run(x0=x, p=np.r_[h, p])["xf"].full().T)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise ConvergenceError(f"system {system.name!r}: CVODES gave up within {count * h:g} s ({reason}).") from error
+
+
 def runge_kutta_step(f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX) -> ca.SX:
     """Return the state after one step of the classical Runge-Kutta method.
 
@@ -262,7 +279,7 @@ def _held(system: System) -> tuple[ca.Function, ca.Function]:
     return ca.Function("held", [x, on, p], [rates]), ca.Function("depths", [x, on, p], [ca.densify(beyond)])
 
 
-def _cvodes(system: System, tolerance: float, size: int) -> ca.Function:
+def _cvodes(system: System, tolerance: float, size: int, most: int = 100_000) -> ca.Function:
     """Return CVODES over a number of samples; its time counts samples of h [s], its first parameter."""
     x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
     problem = {"x": x, "p": ca.vertcat(h, p), "ode": h * system.ode(x, p)}
@@ -270,7 +287,7 @@ def _cvodes(system: System, tolerance: float, size: int) -> ca.Function:
         "reltol": tolerance,
         "abstol": 1e-3 * tolerance,
         "max_step_size": 1.0,
-        "max_num_steps": 100_000,
+        "max_num_steps": most,
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
     }

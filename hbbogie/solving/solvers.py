@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.equations import Equations
+from hbbogie.methods.level import within_level
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving import optimum
@@ -99,7 +100,8 @@ def solve(
     equations : Equations
         From `HarmonicBalance(...).equations(system)` or another method.
     guess : Orbit
-        Where the search begins. Its parameter values are not used, except that of ``free``.
+        Where the search begins. Its parameter values are not used, except that of ``free``. The cycle has its level of
+        what the equations conserve.
     free : str, or sequence of str, optional
         Name of the parameter to be found, which asks for ``amplitude``; or names of those over which to minimise.
     amplitude : mapping of one coordinate name to float, optional
@@ -143,7 +145,7 @@ def solve(
     >>> round(solve(balance, guess, free=["mu"], minimise=lambda cycle: cycle.parameter("mu")).value, 6)
     -0.25
     """
-    equations = equations.phased(guess)
+    equations = within_level(equations.phased(guess), guess)
     if minimise is not None:
         if amplitude is not None or free is None or method != "auto":
             raise ModelError("solve: minimise= goes with free= and subject_to= only; leave amplitude= and method= out.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
+from hbbogie.model.conserved import conserved_quantities, expression, state_names
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
@@ -20,6 +22,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 MARGIN = 5.0  # a multiplier this many trivial errors from the unit circle has a side
+ALIGNED = 0.999  # cosines of angles with the motion's direction, relative to the largest, that are as good as equal
 
 
 def floquet(
@@ -106,7 +109,10 @@ def floquet(
     parts = 2 if halved else 1
     log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
     trace = parts * (along.trace + passages.log_determinant)
-    return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance)
+    size = np.abs(waveform.all_states).sum(axis=0)
+    x = (fourier.synthesis(orbit.H, along.mesh[:1]) @ waveform.all_states)[0]
+    motion = Motion(system.ode(x, p).full().ravel(), size, conserved_quantities(system, p, size), state_names(system))
+    return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance, motion)
 
 
 def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
@@ -130,8 +136,35 @@ def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
 # --- verdicts ---------------------------------------------------------------------------------
 
 
-def judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: float) -> Stability:
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What is known of a cycle besides its map.
+
+    Attributes
+    ----------
+    rate : ndarray, shape (n_states,)
+        dx/dt where the map begins: the direction of the trivial multiplier.
+    size : ndarray, shape (n_states,)
+        Size of each state.
+    conserved : ndarray, shape (k, n_states)
+        Rows w with w . x constant along every motion.
+    names : tuple of str
+        Of the states.
+    """
+
+    rate: Array
+    size: Array
+    conserved: Array
+    names: tuple[str, ...]
+
+
+def judge(
+    matrix: Array, parts: int, log_det: float, trace: float, tolerance: float, motion: Motion | None = None
+) -> Stability:
     """Return the verdict on a cycle from its map and from Liouville's formula.
+
+    Where linear quantities are conserved, one multiplier is 1 for each, besides the trivial one, and the cycle is
+    judged among those of the same level: by the map on the disturbances that leave the quantities as they are.
 
     Parameters
     ----------
@@ -142,11 +175,20 @@ def judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: fl
         Over the full period: log abs det accumulated over the mesh, and the integral of the trace.
     tolerance : float
         Largest error of the trivial multiplier, and of the logarithm of the determinant relative to its size.
+    motion : Motion, optional
+        By which the trivial multiplier is told from others near 1.
     """
+    k = 0 if motion is None else len(motion.conserved)
+    level = np.eye(len(matrix))
+    if motion is not None and k:  # an orthonormal basis of the level, in states of size 1
+        size = np.where(motion.size > 0, motion.size, 1.0)
+        level = np.linalg.svd(motion.conserved * size)[2][k:].T
+        matrix = level.T @ (matrix / size[:, None] * size) @ level
+        level = size[:, None] * level
     values, vectors = np.linalg.eig(matrix)
     order = np.argsort(-np.abs(values), kind="stable")
-    values, vectors = values[order].astype(complex), vectors[:, order]
-    trivial = int(np.argmin(np.abs(values - 1)))
+    values, vectors = values[order].astype(complex), level @ vectors[:, order]
+    trivial = _trivial(values, vectors, tolerance, motion)
     multipliers = values**parts
     error, liouville = float(abs(multipliers[trivial] - 1)), abs(log_det - trace) / max(1.0, abs(trace))
     doubt = ""
@@ -165,11 +207,31 @@ def judge(matrix: Array, parts: int, log_det: float, trace: float, tolerance: fl
         )
     verdict, outside, reason = sides(multipliers, trivial, error, doubt)
     reason += f"; error of the trivial multiplier {error:.2g}, of the determinant {liouville:.2g}."
-    halves = values if parts == 2 else None
+    if motion is not None and k:
+        held = ", ".join(expression(row, motion.names) for row in motion.conserved)
+        reason += f" Judged among motions of one level: {held} {'is' if k == 1 else 'are'} conserved, with {k} "
+        reason += f"multiplier{'s' * (k > 1)} 1 for it."
     others = [i for i in range(len(values)) if i != trivial]
     critical = complex(multipliers[others[0]]) if others else None
     mode = _scaled(vectors[:, others[0]]) if others else None
-    return Stability(verdict, multipliers, error, outside, reason, halves, critical, mode)
+    ones = np.ones(k, dtype=complex)
+    values = np.concatenate([values, -ones if parts == 2 else ones])
+    order = np.argsort(-np.abs(values), kind="stable")
+    halves = values[order] if parts == 2 else None
+    return Stability(verdict, values[order] ** parts, error, outside, reason, halves, critical, mode)
+
+
+def _trivial(values: Complex, vectors: Complex, tolerance: float, motion: Motion | None) -> int:
+    """Return the place of the trivial multiplier: of those near 1 the one whose vector is the motion's direction."""
+    distance = np.abs(values - 1)
+    near = np.flatnonzero(distance <= tolerance)
+    if motion is None or len(near) < 2 or not np.isfinite(motion.rate).all():
+        return int(np.argmin(distance))
+    size = np.where(motion.size > 0, motion.size, 1.0)
+    along = np.abs((motion.rate / size) @ (vectors[:, near] / size[:, None]))
+    along /= np.linalg.norm(vectors[:, near] / size[:, None], axis=0)
+    aligned = near[along >= ALIGNED * along.max()]  # where two vectors meet, at a fold, they are one direction
+    return int(aligned[np.argmin(distance[aligned])])
 
 
 def sides(multipliers: Complex, trivial: int, error: float, doubt: str) -> tuple[str, int, str]:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError, positive
+from hbbogie.model.conserved import conserved_quantities, state_names
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.stability.jumps import Passages, passages_along, passages_of
-from hbbogie.stability.multipliers import judge
+from hbbogie.stability.multipliers import Motion, judge
 from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, NewtonStep, Path, Pattern, Shooting, states_at
 from hbbogie.stability.transitions import product
 from hbbogie.stability.variation import Waveform, check_orbit
@@ -342,5 +343,9 @@ def _stability(shooting: Shooting, path: Path, step: NewtonStep, passages: Passa
         return Stability("unknown", none, float("nan"), 0, f"{passages.corner}.")
     transitions = passages.inserted(step.transitions)
     log_det, trace = float(np.linalg.slogdet(transitions)[1].sum()), shooting.trace(path) + passages.log_determinant
-    found = judge(product(transitions), 1, log_det, trace, TRUSTED)
-    return replace(found, mode=None)  # it is that of scaled states, at the path's beginning and not at phase 0
+    size, system = shooting.scale, shooting.system
+    held = conserved_quantities(system, shooting.p, size)
+    motion = Motion(size * step.f[0, 0], size, held, state_names(system))
+    matrix = size[:, None] * product(transitions) / size
+    found = judge(matrix, 1, log_det, trace, TRUSTED, motion)
+    return replace(found, mode=None)  # it is that at the path's beginning and not at phase 0

@@ -220,12 +220,12 @@ class TestFindCycles:
 
     @pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
     def test_as_many_harmonics_as_the_tolerance_takes(self, tolerance):
-        """The estimates are true errors: those of the period against the published one, and of the peak."""
+        """The frequency is that of the polished cycle: its error is below the estimate, and that is small."""
         (cycle,) = hb.find_cycles(hb.load_problem("van_der_pol").van_der_pol(mu=5.0), tolerance=tolerance)
         assert cycle.errors["waveform"] <= tolerance
         assert cycle.H > 15 and "meets" in cycle.status
         error = abs(cycle.omega - 2 * np.pi / 11.61223066771957)
-        assert cycle.errors["omega"] == pytest.approx(error, rel=1e-3, abs=1e-12)
+        assert error <= cycle.errors["omega"] <= 1e-9
 
     def test_error_bars_of_both_bogie_cycles(self, cycles_at_90):
         """Against exact periodic orbits, printed to eight digits."""

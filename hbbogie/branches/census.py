@@ -1,0 +1,225 @@
+"""The census of cycles at one value of a parameter: candidates from branches and motions, polished by shooting."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.branches.continuation import trace
+from hbbogie.branches.crossing import _family, crossings
+from hbbogie.branches.motions import recurrences, sample_distance
+from hbbogie.branches.same import alike, signature
+from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
+from hbbogie.equilibria.census import Start
+from hbbogie.equilibria.find import find_equilibria
+from hbbogie.errors import ModelError
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.conserved import conserved_quantities
+from hbbogie.model.ranges import check_interval
+from hbbogie.model.system import System
+from hbbogie.motion.integration import initial_state
+from hbbogie.results import Orbit, SpecialPoint, Trajectory
+from hbbogie.results.failure import FAILURES, ConvergenceError
+from hbbogie.solving.solvers import solve
+from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.verification import verify
+
+Array = NDArray[np.float64]
+COARSE = 15  # highest harmonic with which branches are followed
+FINER = (31, 63)  # with which a candidate is tried again where shooting does not close it
+CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
+BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
+MOST_FAILURES = 6  # recurrences that shooting does not close near by, as of chaotic motions
+EXACT = 1e-10  # error of shooting
+
+
+class Census:
+    """The search for cycles at a value, and what it has found.
+
+    Parameters
+    ----------
+    system : System
+        At its values.
+    parameter : str
+        Along which branches are followed.
+    interval : (float, float), unit of the parameter
+    start : see `find_cycles`
+    backwards : bool
+        Whether motions are followed backwards in time as well.
+    """
+
+    def __init__(
+        self, system: System, parameter: str, interval: tuple[float, float], start: Start | None, backwards: bool
+    ):
+        self.system, self.parameter, self.start, self.backwards = system, parameter, start, backwards
+        self.value = system.values[parameter]
+        width = BEYOND * (interval[1] - interval[0])
+        self.span = check_interval(system, parameter, (interval[0] - width, interval[1] + width))
+        self.branches = find_equilibria(system, parameter, self.span, start=start)
+        self.hopf = self.branches.special("hopf")
+        self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
+        self.found: list[Orbit] = []
+        self.failures = 0
+        self.undecided: list[str] = []
+        self.evidence: list[str] = list(self.branches.evidence)
+        at = f"at {parameter} = {self.value:.6g}"
+        self.evidence += [f"{at}: {e.text(system.coordinate_names)}" for e in self.equilibria]
+        if not self.equilibria:
+            self.evidence.append(f"{at}: no equilibrium was found")
+
+    def follow_branches(self) -> None:
+        """Follow the branch from every Hopf point, and consider the cycles at the value."""
+        equations = HarmonicBalance(COARSE).equations(self.system)
+        for hopf in self.hopf:
+            name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}"
+            try:
+                branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
+            except FAILURES as error:
+                self.evidence.append(f"{name} was not followed: {error}")
+                continue
+            low, high = float(branch.values.min()), float(branch.values.max())
+            self.evidence.append(
+                f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}"
+            )
+            for orbit in [
+                *_before(equations, hopf, branch.orbits[0], self.value),
+                *crossings(equations, branch, self.value),
+            ]:
+                self.consider(orbit, name)
+
+    def simulate(self) -> None:
+        """Follow motions, and consider the cycles they come near."""
+        system = self.system
+        amplitude = float(HarmonicBalance(1).equations(system).scale[0])
+        size = sizes(system, self.equilibria, self.found, amplitude)
+        starts = starts_of(system, self.equilibria, size)
+        if self.start is not None:
+            starts = [("the start", _state(system, self.start))]
+        eigenvalues = np.concatenate([e.eigenvalues for e in self.equilibria] or [np.empty(0, dtype=complex)])
+        h = sample_distance(eigenvalues)
+        for sense, there in (("", system), (" backwards in time", system.backwards())):
+            if sense and not self.backwards:
+                continue
+            counted: Counter[str] = Counter()
+            for where, x in starts:
+                x = np.where(np.arange(len(x)) < system.n, x, -x) if sense else x
+                counted[self._motion(there, bool(sense), where, x, h, size)] += 1
+            told = ", ".join(f"{count} {what}" for what, count in counted.items())
+            self.evidence.append(f"{len(starts)} motions{sense}: {told}")
+
+    def _motion(self, there: System, sense: bool, where: str, x: Array, h: float, size: Array) -> str:
+        """Follow a motion; return what it came to, for people."""
+        known = [signature(_turned(o) if sense else o) for o in self.found]
+        for met in recurrences(there, x, h, size, known):
+            if met.kind == "cycle" and met.orbit is not None and self.failures < MOST_FAILURES:
+                orbit = _turned(met.orbit) if sense else met.orbit
+                if self.consider(orbit, f"a motion from {where}", near=True):
+                    return "came to a cycle"
+                self.failures += 1
+            elif met.kind == "known":
+                return "came to a cycle found already"
+            elif met.kind == "rest":
+                return "came to rest"
+            elif met.kind == "unbounded":
+                return "left every bound"
+        self.undecided.append(f"a motion from {where} has neither settled nor come back to itself")
+        return "undecided"
+
+    def consider(self, orbit: Orbit, origin: str, *, near: bool = False) -> bool:
+        """Polish a candidate and keep the cycle, if it is new; tell whether there is one (near it, if asked)."""
+        polished = self.polished(orbit, () if near else FINER)
+        if polished is None:
+            if not near:
+                self.evidence.append(
+                    f"a candidate of period {orbit.period:.6g} s on {origin} is not confirmed by shooting"
+                )
+            return False
+        if near and not alike(polished, orbit, 0.05):
+            return False
+        if not any(alike(polished, other) for other in self.found):
+            self.found.append(polished)
+            self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
+        return True
+
+    def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
+        """Return the cycle that shooting leads to, or, where it cannot, the one that more harmonics confirm."""
+        finer, resolved = orbit, False
+        for H in (0, *finer_harmonics):
+            try:
+                if H and H <= finer.H:
+                    continue
+                if H:
+                    last, finer = finer, solve(HarmonicBalance(H).equations(self.system), finer, method="newton")
+                    resolved = abs(finer.omega / last.omega - 1) <= CONVERGED
+                return self._checked(finer)
+            except ConvergenceError:
+                continue
+            except FAILURES:
+                break
+        if not resolved or finer.tail > CONVERGED**0.5:
+            return None
+        stability = floquet(self.system, finer)
+        reason = f"shooting does not confirm the cycle; {stability.reason}"
+        unknown = replace(stability, verdict="unknown", reason=reason)
+        return finer.replace(stability=unknown, status=f"{finer.status}; shooting does not confirm it")
+
+    def _checked(self, orbit: Orbit) -> Orbit:
+        system = self.system
+        checked = verify(system, orbit)
+        found = checked.orbit
+        if not checked.isolated:
+            size = np.abs(orbit.coefficients).sum(axis=0)
+            states = np.append(size, orbit.omega * size[list(system.second_order)])
+            if not len(conserved_quantities(system, system.vector(), states)):
+                raise ModelError(_family(self.parameter, self.value))
+        errors = {"omega": max(checked.closure, EXACT) * found.omega, "waveform": max(checked.closure, EXACT)}
+        errors |= {c: max(checked.closure, EXACT) * peak for c, peak in checked.amplitudes.items()}
+        return found.replace(errors=errors)
+
+    def say_none(self) -> None:
+        """Say why no cycle was found."""
+        nearest = min(self.hopf, key=lambda s: abs(s.value - self.value), default=None)
+        text = (
+            f"the nearest Hopf point is {self.parameter} = {nearest.value:.9g}"
+            if nearest
+            else f"there is no Hopf point for {self.parameter} from {self.span[0]:.6g} to {self.span[1]:.6g}"
+        )
+        about = self.equilibria[0].text(self.system.coordinate_names) if self.equilibria else "no equilibrium was found"
+        self.evidence.insert(0, f"no cycle at {self.parameter} = {self.value:.6g}: {about}; {text}")
+
+
+def _turned(orbit: Orbit) -> Orbit:
+    """Return the motion backwards in time."""
+    c = orbit.coefficients.copy()
+    c[2::2] *= -1  # of the sines
+    return orbit.replace(coefficients=c)
+
+
+def _state(system: System, start: Start) -> Array:
+    """Return the state of a start, shape (n_states,)."""
+    if isinstance(start, Orbit | Trajectory | dict):
+        return initial_state(system, start)[1]
+    x = np.zeros(system.n_states)
+    given = np.asarray(start, dtype=float).ravel()
+    x[: len(given)] = given
+    return x
+
+
+def _before(equations: Equations, hopf: SpecialPoint, first: Orbit, value: float) -> list[Orbit]:
+    """Return the cycle at a value between a Hopf point and the first cycle computed of its branch, if there is one."""
+    width = first.parameters[hopf.parameter] - hopf.value
+    share = (value - hopf.value) / width if width else 0.0
+    if not 0 < share < 1:
+        return []
+    c = np.sqrt(share) * first.coefficients  # the parameter goes with the square of the amplitude
+    c[0] = hopf.orbit.coefficients[0] + share * (first.coefficients[0] - hopf.orbit.coefficients[0])
+    try:
+        at: dict[str, Any] = {hopf.parameter: value}
+        return [solve(equations, first.replace(coefficients=c), method="newton", **at)]
+    except ConvergenceError:
+        return []

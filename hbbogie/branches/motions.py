@@ -1,0 +1,159 @@
+"""Motions from many states, and the cycles near which they recur."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.branches.same import signature
+from hbbogie.model.system import System
+from hbbogie.motion.integration import states_after
+from hbbogie.results import Orbit
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
+PER_PERIOD = 40  # samples of a period of the linear motion
+TOLERANCE = 1e-7  # of the integration
+SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
+RECURS = 0.01  # distance of a recurrence from closed, relative to the range
+LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
+CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
+HARMONICS = 255  # of the recurrence, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Recurrence:
+    """What a motion has come to.
+
+    Attributes
+    ----------
+    kind : {"cycle", "known", "rest", "undecided", "unbounded"}
+    orbit : Orbit or None
+        Its last recurrence.
+    after : float, s
+    """
+
+    kind: str
+    orbit: Orbit | None
+    after: float
+
+
+def sample_distance(eigenvalues: NDArray[np.complex128]) -> float:
+    """Return the distance of samples [s] that resolves the least damped oscillation about the equilibria."""
+    turning = eigenvalues[np.abs(eigenvalues.imag) > 1e-3 * np.abs(eigenvalues)]
+    if len(turning):
+        rate = abs(turning[np.argmax(turning.real / np.abs(turning))].imag)
+    else:
+        sizes = np.abs(eigenvalues[np.abs(eigenvalues) > 0])
+        rate = float(np.median(sizes)) if len(sizes) else 1.0
+    return float(2 * np.pi / rate / PER_PERIOD)
+
+
+def recurrences(system: System, x: Array, h: float, size: Array, known: list[Array]) -> Iterator[Recurrence]:
+    """Follow a motion until it rests, recurs or is given up; yield each closer recurrence that is not known.
+
+    Parameters
+    ----------
+    system : System
+        At whose values.
+    x : ndarray, shape (n_states,)
+        Where it begins.
+    h : float, s
+        Distance of the samples to begin with.
+    size : ndarray, shape (n_states,)
+        Size of the states.
+    known : list of ndarray
+        Signatures of known cycles (see `signature`); may grow meanwhile.
+    """
+    p, elapsed = system.vector(), 0.0
+    orbit: Orbit | None = None
+    closest = RECURS
+    for _ in range(CHUNKS):
+        try:
+            states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE)])
+        except ConvergenceError:
+            yield Recurrence("undecided", orbit, elapsed)
+            return
+        if not np.isfinite(states).all() or (np.abs(states[-1]) > 1e6 * size).any():
+            yield Recurrence("unbounded", None, elapsed)
+            return
+        x, elapsed = states[-1], elapsed + CHUNK * h
+        late = states[CHUNK // 2 :]
+        spread = np.ptp(late, axis=0)
+        if (spread <= SMALL * size).all() and (
+            np.ptp(states[-CHUNK // 4 :], axis=0) <= 0.9 * spread + 1e-9 * size
+        ).all():
+            yield Recurrence("rest", None, elapsed)
+            return
+        found = _recurrence(states, spread)
+        if found is None:
+            h *= 2
+            continue
+        back, gap = found
+        if back < 12:
+            h /= 4
+            continue
+        if gap <= closest:
+            closest = gap / CLOSER
+            orbit = _orbit(system, states, back, h, p)
+            mark, width = (
+                signature(orbit),
+                np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), 3),
+            )
+            if any(abs(mark[0] / k[0] - 1) < LIKE and (np.abs(mark - k)[1:] < LIKE * width).all() for k in known):
+                yield Recurrence("known", orbit, elapsed)
+                return
+            yield Recurrence("cycle", orbit, elapsed)
+        if back > CHUNK // 4:
+            h *= 2
+    yield Recurrence("undecided", orbit, elapsed)
+
+
+def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:
+    """Return after how many samples the end of a motion was met before, and how closely, relative to the ranges."""
+    wide = np.where(spread > 1e-9 * spread.max(), spread, np.inf)
+    distance = np.sqrt((((states[::-1] - states[-1]) / wide) ** 2).sum(axis=1))
+    away = np.flatnonzero(distance > 0.25)
+    if not len(away):
+        return None
+    d = distance[away[0] :]
+    low = 1 + np.flatnonzero((d[1:-1] <= d[:-2]) & (d[1:-1] < d[2:]))
+    if not len(low):
+        return None
+    best = d[low].min()
+    near = low[d[low] <= max(2 * best, 0.1)]  # the first return is a period, later ones are several
+    k = int(near[0]) + int(away[0])
+    # the closest point of the line through both neighbours
+    a, b = (states[-1 - k - 1] / wide, states[-1 - k + 1] / wide)
+    along = b - a
+    s = float(np.clip(((states[-1] / wide - a) @ along) / max(float(along @ along), 1e-300), 0, 1))
+    return k + 1 - 2 * s, float(np.linalg.norm(a + s * along - states[-1] / wide))
+
+
+def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Orbit:
+    """Return the last period of sampled states as an orbit, made to close."""
+    from scipy.interpolate import CubicSpline
+
+    count = len(states) - 1
+    first = max(0, int(count - back) - 3)
+    spline = CubicSpline(np.arange(first, count + 1), states[first:, : system.n])
+    H = int(np.clip(back / 4, 15, HARMONICS))
+    N = 8 * (H + 1)
+    share = np.arange(N) / N
+    q = spline(count - back + back * share)
+    q = q - (share - 0.5)[:, None] * (states[-1, : system.n] - spline(count - back))
+    return Orbit(
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=tuple(c.unit for c in system.coordinates),
+        coefficients=fourier.analysis(H, N) @ q,
+        omega=2 * np.pi / (back * h),
+        parameters=dict(system.values),
+        method="integration",
+        status="a recurrence of a simulated motion",
+    )

@@ -1,0 +1,48 @@
+"""When two cycles are one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.results import Orbit
+
+Array = NDArray[np.float64]
+SAMPLES = 4096
+SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
+AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
+
+
+def signature(orbit: Orbit) -> Array:
+    """Return frequency [rad/s], then means, smallest and largest values of the coordinates, shape (1 + 3 n,)."""
+    q = samples(orbit)
+    return np.concatenate([[orbit.omega], orbit.coefficients[0], q.min(axis=0), q.max(axis=0)])
+
+
+def samples(orbit: Orbit) -> Array:
+    """Return the coordinates at equal distances over the period, shape (SAMPLES, n)."""
+    c = orbit.coefficients
+    waves = np.zeros((SAMPLES // 2 + 1, c.shape[1]), dtype=complex)
+    waves[0], waves[1 : orbit.H + 1] = c[0], 0.5 * (c[1::2] - 1j * c[2::2])
+    return np.asarray(np.fft.irfft(waves * SAMPLES, SAMPLES, axis=0))
+
+
+def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
+    """Tell whether two cycles have the same period, means and extremes; mirror images have not."""
+    if abs(a.omega - b.omega) > share * a.omega:
+        return False
+    first, second = (signature(o)[1:].reshape(3, -1) for o in (a, b))
+    width = first[2] - first[1]
+    width = np.maximum(width, 1e-6 * width.max())
+    return bool((np.abs(first - second) <= min(AS_FAR * share, 0.3) * width).all())
+
+
+def once_each(orbits: Iterable[Orbit]) -> list[Orbit]:
+    """Return the cycles that differ, by growing amplitude."""
+    kept: list[Orbit] = []
+    for orbit in orbits:
+        if not any(alike(orbit, other) for other in kept):
+            kept.append(orbit)
+    return sorted(kept, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))

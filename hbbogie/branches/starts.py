@@ -1,0 +1,133 @@
+"""Equilibria at one value of a parameter, and the states from which motions are simulated there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.model.conserved import conserved_quantities
+from hbbogie.model.system import System
+from hbbogie.results import Equilibria, Orbit
+from hbbogie.results.failure import ConvergenceError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+NUDGE = 1e-2  # along unstable directions, relative to the size of the states
+STATES = 24  # random states times states of the system
+NEWTON = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """An equilibrium with its eigenvalues [1/s] and vectors, those of largest real part first."""
+
+    x: Array
+    eigenvalues: Complex
+    vectors: Complex
+
+    @property
+    def unstable(self) -> int:
+        """Number of eigenvalues in the right half plane."""
+        return int((self.eigenvalues.real > 1e-9 * np.abs(self.eigenvalues)).sum())
+
+    def text(self, names: tuple[str, ...]) -> str:
+        """Return the equilibrium in a sentence."""
+        values = ", ".join(f"{name} = {x:.6g}" for name, x in zip(names[:4], self.x, strict=False))
+        shown = ", ".join(
+            f"{v.real:.4g}" + (f" {'+' if v.imag > 0 else '-'} {abs(v.imag):.4g}i" if v.imag else "")
+            for v in self.eigenvalues[:4]
+        )
+        more = "" if len(self.eigenvalues) <= 4 else f" and {len(self.eigenvalues) - 4} to their left"
+        return f"equilibrium {values}{', ...' if len(names) > 4 else ''}: eigenvalues {shown}{more} 1/s"
+
+
+def equilibria_at(system: System, branches: Equilibria, value: float) -> list[Equilibrium]:
+    """Return the equilibria at a value of the parameter, where branches over it cross that."""
+    found: list[Equilibrium] = []
+    for branch in branches:
+        V = branch.values
+        for i in np.flatnonzero((V[:-1] - value) * (V[1:] - value) <= 0):
+            a, b = branch.orbits[i], branch.orbits[i + 1]
+            share = (value - V[i]) / (V[i + 1] - V[i]) if V[i + 1] != V[i] else 0.0
+            q = (1 - share) * a.coefficients[0] + share * b.coefficients[0]
+            at = _equilibrium(system, q)
+            if at is not None and not any(np.allclose(at.x, e.x, rtol=1e-7, atol=1e-10) for e in found):
+                found.append(at)
+    return found
+
+
+def _equilibrium(system: System, q: Array) -> Equilibrium | None:
+    x, p = np.append(q, np.zeros(system.n_states - system.n)), system.vector()
+    try:
+        for _ in range(NEWTON):
+            with np.errstate(all="ignore"):
+                step = np.linalg.lstsq(system.state_matrix(x, p), system.ode(x, p).full().ravel(), rcond=1e-12)[0]
+            x = x - step
+            if np.abs(step).max() <= 1e-12 * np.abs(x).max():
+                break
+        eigenvalues, vectors = np.linalg.eig(system.state_matrix(x, p))
+    except (ConvergenceError, np.linalg.LinAlgError):
+        return None
+    order = np.argsort(-eigenvalues.real, kind="stable")
+    return Equilibrium(x, eigenvalues[order].astype(complex), vectors[:, order])
+
+
+def sizes(system: System, equilibria: list[Equilibrium], cycles: list[Orbit], amplitude: float) -> Array:
+    """Return the size of each state, shape (n_states,): of cycles, equilibria, bounds, else the amplitude scale."""
+    n, second = system.n, list(system.second_order)
+    declared = [max((abs(b) for b in c.bounds if np.isfinite(b)), default=0.0) for c in system.coordinates]
+    size = np.array(declared)
+    for orbit in cycles:
+        size = np.maximum(size, np.abs(orbit.coefficients).sum(axis=0))
+    for e in equilibria:
+        size = np.maximum(size, np.abs(e.x[:n]))
+    size = np.where(size > 1e-9 * amplitude, size, amplitude)
+    rates = [abs(e.eigenvalues.imag).max() for e in equilibria] + [o.omega for o in cycles]
+    return np.append(size, (max(rates, default=1.0) or 1.0) * size[second])
+
+
+def starts_of(system: System, equilibria: list[Equilibrium], size: Array) -> list[tuple[str, Array]]:
+    """Return the states from which motions are simulated: beside equilibria, and random ones of a fixed seed."""
+    starts: list[tuple[str, Array]] = []
+    for k, e in enumerate(equilibria, 1):
+        where = f"beside equilibrium {k}"
+        for j in range(e.unstable):
+            if e.eigenvalues[j].imag < 0:
+                continue
+            v = e.vectors[:, j].real
+            v = v / np.abs(v / size).max() * NUDGE
+            starts += (
+                [(where, e.x + v), (where, e.x - v)]
+                if e.eigenvalues[j].imag == 0 or e.unstable > 2
+                else [(where, e.x + v)]
+            )
+        if not e.unstable and len(e.eigenvalues):
+            v = e.vectors[:, 0].real
+            v = v / np.abs(v / size).max()
+            starts += [(where, e.x + s * v) for s in (0.3, 3.0)]
+    rng = np.random.default_rng(1995)
+    low, high = (np.array([c.bounds[i] for c in system.coordinates]) for i in (0, 1))
+    usual = np.sign(sum((e.x for e in equilibria), np.zeros(len(size))))
+    for k in range(max(2, STATES // system.n_states)):
+        signs = rng.choice([-1.0, 1.0], len(size))
+        if k % 2 == 0:  # where the equilibria are: many equations make sense for positive values only
+            signs = np.where(usual, usual, signs)
+        x = size * 10.0 ** rng.uniform(-1, 0.5, len(size)) * signs
+        x[: system.n] = np.where(np.isfinite(low) & (x[: system.n] < low), low + np.abs(x[: system.n]), x[: system.n])
+        x[: system.n] = np.clip(x[: system.n], low, high)
+        starts.append(("a random state", x))
+    return _on_level(system, starts, equilibria, size)
+
+
+def _on_level(
+    system: System, starts: list[tuple[str, Array]], equilibria: list[Equilibrium], size: Array
+) -> list[tuple[str, Array]]:
+    """Return the states moved to the level of what is conserved, that of the first equilibrium (or of zero)."""
+    rows = conserved_quantities(system, system.vector(), size)
+    if not len(rows):
+        return starts
+    held = rows @ (equilibria[0].x if equilibria else np.zeros(len(size)))
+    scaled = rows * size
+    return [(where, x - size * np.linalg.lstsq(scaled, rows @ x - held, rcond=None)[0]) for where, x in starts]

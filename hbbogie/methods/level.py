@@ -1,0 +1,120 @@
+"""Equations of cycles of one level of what their system conserves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.methods.equations import Equations
+from hbbogie.model.conserved import ZERO, conserved_quantities, expression
+from hbbogie.once import Once
+from hbbogie.results import Orbit
+
+Array = NDArray[np.float64]
+SAMPLES = 12
+
+
+def within_level(equations: Equations, orbit: Orbit) -> Equations:
+    """Return the equations whose solutions have the means of the conserved quantities that an orbit has.
+
+    A conserved quantity makes one equation of the means follow from the others, so that cycles form families. The level
+    takes its place. Equations of systems that conserve nothing are returned as they are.
+
+    Parameters
+    ----------
+    equations : Equations
+    orbit : Orbit
+        Whose level is held, at its own parameter values.
+    """
+    system = equations.system
+    if equations.phase is None or orbit.coordinates != system.coordinate_names:
+        return equations
+    size = np.abs(orbit.coefficients).sum(axis=0)
+    states = np.append(size, orbit.omega * size[list(system.second_order)])
+    rows = conserved_quantities(system, system.vector(), states)[:, : system.n]
+    rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0]
+    places = _dependent(equations, orbit, len(rows)) if len(rows) else np.empty(0, dtype=int)
+    if not len(places) or len(places) != len(rows):
+        return equations
+    return _replaced(equations, places, rows, rows @ orbit.coefficients[0], size)
+
+
+def _dependent(equations: Equations, orbit: Orbit, count: int) -> NDArray[np.int_]:
+    """Return the places of as many equations of means that follow from the others, whatever the unknowns."""
+    means = np.array([i for i, row in enumerate(equations.rows) if row.endswith(", mean")], dtype=int)
+    if not len(means):
+        return means
+    rng = np.random.default_rng(1995)
+    z, p = equations.encode(orbit), equations.system.vector()
+    spread = np.where(np.abs(z) > 0, np.abs(z), 0.1 * np.abs(z).max())
+    spread[-1] = 0.0  # the frequency
+    F = np.array(
+        [
+            equations.residual(z + 0.3 * spread * rng.standard_normal(len(z)), p).full().ravel()[means]
+            for _ in range(SAMPLES)
+        ]
+    ).T
+    F = F[:, np.isfinite(F).all(axis=0)] / equations.residual_scale[means, None]
+    if F.shape[1] < len(means):
+        return means[:0]
+    U, s, _ = np.linalg.svd(F)
+    null = U[:, s <= 1e3 * ZERO * max(float(s[0]), 1e-300)]
+    if null.shape[1] < count:
+        return means[:0]
+    chosen: list[int] = []
+    for _ in range(count):  # those that take part most
+        i = int(np.argmax(np.abs(null).max(axis=1)))
+        chosen.append(i)
+        j = int(np.argmax(np.abs(null[i])))
+        null = null - np.outer(null[:, j], null[i] / null[i, j])
+    return means[chosen]
+
+
+def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held: Array, size: Array) -> Equations:
+    """Return the equations with some replaced by the levels of conserved quantities, which are linear in the means."""
+    m, names = equations.size, equations.system.coordinate_names
+    kept, slopes = np.ones(m), np.zeros((m, m))
+    kept[places] = 0.0
+    means = np.array([equations.unknowns.index(f"{name}, mean") for name in names])
+    slopes[np.ix_(places, means)] = rows
+    offset = np.zeros(m)
+    offset[places] = held
+    sizes, labels = np.abs(rows) @ size, list(equations.rows)
+    residual_scale = equations.residual_scale.copy()
+    residual_scale[places] = np.where(sizes > 0, sizes, 1.0)
+    for place, row in zip(places, rows, strict=True):
+        labels[place] = f"level of {expression(row, names)}"
+    once = Once()
+    z, p = ca.MX.sym("z", m), ca.MX.sym("p", equations.residual.size1_in(1))
+    multipliers = ca.MX.sym("multipliers", m)
+    level = ca.mtimes(ca.DM(slopes), z) - offset
+
+    def derivatives(free: tuple[int, ...]) -> ca.Function:
+        def build() -> ca.Function:
+            F, J = equations.derivatives(free)(z, p)
+            J = ca.repmat(kept, 1, m + len(free)) * J + np.hstack([slopes, np.zeros((m, len(free)))])
+            return ca.Function("dF", [z, p], [kept * F + level, ca.densify(J)], ["z", "p"], ["F", "J"])
+
+        return once(("derivatives", free), build)
+
+    def pulled(key: object, function: Callable[[], ca.Function], output: str) -> ca.Function:
+        """Return a function of the multipliers that the level, being linear, adds nothing to."""
+        inputs = [z, p, multipliers]
+        names = ["z", "p", "multipliers"]
+        return once(key, lambda: ca.Function(output, inputs, [function()(z, p, kept * multipliers)], names, [output]))
+
+    return replace(
+        equations,
+        residual=ca.Function("F", [z, p], [kept * equations.residual(z, p) + level]),
+        derivatives=derivatives,
+        hessian=lambda free: pulled(("hessian", free), lambda: equations.hessian(free), "H"),
+        sensitivity=lambda: pulled("sensitivity", equations.sensitivity, "L_p"),
+        rows=tuple(labels),
+        residual_scale=residual_scale,
+        with_phase=None,
+        once=once,
+    )

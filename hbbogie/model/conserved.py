@@ -1,0 +1,77 @@
+"""Linear quantities that the equations of motion conserve."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from hbbogie.model.system import System
+
+Array = NDArray[np.float64]
+ZERO = 1e-11  # share of the largest singular value of samples of the rates up to which one is zero
+
+
+def conserved_quantities(system: System, p: Array, size: Array) -> Array:
+    """Return rows w with w . x constant along every motion: the left null space of samples of the rates.
+
+    Parameters
+    ----------
+    system : System
+    p : ndarray, shape (number of parameters,)
+    size : ndarray, shape (n_states,)
+        Size of each state, in which the samples are taken.
+
+    Returns
+    -------
+    ndarray, shape (k, n_states)
+        Each with entries of at most 1, in echelon form.
+    """
+    n = system.n_states
+    samples = 2 * n + 6
+    rates = system.once(("rates", samples), lambda: system.ode.map(samples))
+    rng = np.random.default_rng(1995)
+    x = np.where(size > 0, size, 1.0)[:, None] * rng.standard_normal((n, samples))
+    for states in (x, np.abs(x)):  # many equations make sense for positive values only
+        f = rates(states, np.tile(p[:, None], samples)).full()
+        f = f[:, np.isfinite(f).all(axis=0)]
+        if f.shape[1] > n:
+            break
+    else:
+        return np.zeros((0, n))
+    rows = np.abs(f).max(axis=1)
+    rows = np.where(rows > 0, rows, 1.0)
+    f = f / rows[:, None]
+    columns = np.abs(f).max(axis=0)
+    U, s, _ = np.linalg.svd(f / np.where(columns > 0, columns, 1.0))
+    count = n - int((s > ZERO * max(float(s[0]), 1e-300)).sum())
+    return echelon((U[:, n - count :] / rows[:, None]).T) if count else np.zeros((0, n))
+
+
+def echelon(rows: Array) -> Array:
+    """Return a basis of the same space with few entries, by elimination; the first entry of each is 1."""
+    rows = rows.copy()
+    for k in range(len(rows)):
+        i, j = (int(x) for x in np.unravel_index(np.argmax(np.abs(rows[k:])), rows[k:].shape))
+        rows[[k, k + i]] = rows[[k + i, k]]
+        rows[k] /= rows[k, j]
+        for other in range(len(rows)):
+            if other != k:
+                rows[other] -= rows[other, j] * rows[k]
+        rows[np.abs(rows) < 1e-9] = 0.0
+    lead = [row[np.flatnonzero(row)[0]] if np.any(row) else 1.0 for row in rows]
+    return np.asarray(rows / np.array(lead)[:, None])
+
+
+def expression(row: Array, names: tuple[str, ...]) -> str:
+    """Return a linear combination of names as text."""
+    terms = [f"{'' if abs(w - 1) < 1e-9 else f'{w:.6g} '}{name}" for w, name in zip(row, names, strict=True) if w]
+    return " + ".join(terms).replace("+ -1 ", "- ").replace("+ -", "- ")
+
+
+def state_names(system: System) -> tuple[str, ...]:
+    """Return the names of the states: the coordinates, and with a prime the velocities of those of second order."""
+    names, second = system.coordinate_names, system.second_order
+    return (*names, *(f"{name}'" for name, s in zip(names, second, strict=True) if s))
