@@ -37,10 +37,10 @@ class Verification:
     Attributes
     ----------
     orbit : Orbit
-        The polished cycle, in phase with the given one, with its Floquet multipliers and the verdict. Its
-        frequency is as good as ``closure``; its Fourier series is cut off (see ``orbit.tail``).
+        The polished cycle, in phase with the given one, with its multipliers and verdict. Its frequency is as good as
+        ``closure``; its Fourier series is cut off (see ``orbit.tail``).
     amplitudes : dict of float, unit of the coordinate
-        Its peaks, the largest absolute value of each coordinate, not cut off.
+        Its peaks, not cut off.
     omega_error : float, rad/s
         Given frequency minus polished.
     amplitude_errors : dict of float, unit of the coordinate
@@ -48,8 +48,7 @@ class Verification:
     waveform_error : float
         Largest distance of the two waveforms over the period, relative to the peak of the coordinate.
     defect : float
-        Largest residual of the equations of motion along the given waveform, each equation relative to
-        the largest of its linear terms.
+        Largest residual of the equations along the given waveform, relative to the largest of their linear terms.
     closure : float
         Largest jump of a state, relative to its size, where the elements of the polished motion meet, when
         each is integrated again in two halves.
