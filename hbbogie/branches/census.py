@@ -145,9 +145,12 @@ class Census:
             return False
         if near and not alike(polished, orbit, 0.05):
             return False
-        if not any(alike(polished, other) for other in self.found):
+        same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
+        if same is None:
             self.found.append(polished)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
+        elif _unknown(self.found[same]) and not _unknown(polished):
+            self.found[same] = polished
         return True
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
@@ -197,6 +200,10 @@ class Census:
         closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
         about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
         self.evidence.insert(0, f"no cycle at {self.parameter} = {self.value:.6g}: {about}; {text}")
+
+
+def _unknown(orbit: Orbit) -> bool:
+    return orbit.stability is None or orbit.stability.verdict == "unknown"
 
 
 def _turned(orbit: Orbit) -> Orbit:
