@@ -34,7 +34,7 @@ COARSE = 15  # highest harmonic with which branches are followed
 FINER = (31, 63)  # with which a candidate is tried again where shooting does not close it
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
-MOST_FAILURES = 6  # recurrences that shooting does not close near by, as of chaotic motions
+FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
 EXACT = 1e-10  # error of shooting
 
 
@@ -116,7 +116,11 @@ class Census:
         """Follow a motion; return what it came to, for people."""
         known = [signature(_turned(o) if sense else o) for o in self.found]
         for met in recurrences(there, x, h, size, known):
-            if met.kind == "cycle" and met.orbit is not None and self.failures < MOST_FAILURES:
+            if (
+                met.kind == "cycle"
+                and met.orbit is not None
+                and self.failures < (FEW_FAILURES if self.found else MOST_FAILURES)
+            ):
                 orbit = _turned(met.orbit) if sense else met.orbit
                 if self.consider(orbit, f"a motion from {where}", near=True):
                     return "came to a cycle"
@@ -141,9 +145,12 @@ class Census:
             return False
         if near and not alike(polished, orbit, 0.05):
             return False
-        if not any(alike(polished, other) for other in self.found):
+        same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
+        if same is None:
             self.found.append(polished)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
+        elif _unknown(self.found[same]) and not _unknown(polished):
+            self.found[same] = polished
         return True
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
@@ -189,8 +196,14 @@ class Census:
             if nearest
             else f"there is no Hopf point for {self.parameter} from {self.span[0]:.6g} to {self.span[1]:.6g}"
         )
-        about = self.equilibria[0].text(self.system.coordinate_names) if self.equilibria else "no equilibrium was found"
+        rest = nearest.orbit.coefficients[0] if nearest else np.zeros(self.system.n)
+        closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
+        about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
         self.evidence.insert(0, f"no cycle at {self.parameter} = {self.value:.6g}: {about}; {text}")
+
+
+def _unknown(orbit: Orbit) -> bool:
+    return orbit.stability is None or orbit.stability.verdict == "unknown"
 
 
 def _turned(orbit: Orbit) -> Orbit:

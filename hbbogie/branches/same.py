@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 SAMPLES = 4096
 SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
 AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
+RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and distance of the extremes of others
 
 
 def signature(orbit: Orbit) -> Array:
@@ -36,7 +37,8 @@ def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
     first, second = (signature(o)[1:].reshape(3, -1) for o in (a, b))
     width = first[2] - first[1]
     width = np.maximum(width, 1e-6 * width.max())
-    return bool((np.abs(first - second) <= min(AS_FAR * share, 0.3) * width).all())
+    far = max(min(AS_FAR * share, 0.3), ROUGH if max(a.tail, b.tail) > RESOLVED else 0.0)
+    return bool((np.abs(first - second) <= far * width).all())
 
 
 def once_each(orbits: Iterable[Orbit]) -> list[Orbit]:

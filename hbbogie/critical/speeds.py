@@ -8,6 +8,7 @@ from typing import Any
 from hbbogie.branches.continuation import trace
 from hbbogie.critical.folds import fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
+from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.exact.critical import fold_near
@@ -31,6 +32,7 @@ def critical_speeds(
     interval: tuple[float, float] | None = None,
     *,
     harmonics: int = 21,
+    start: Start | None = None,
     **values: float,
 ) -> list[Critical]:
     """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
@@ -43,6 +45,8 @@ def critical_speeds(
         Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out.
     harmonics : int
         Highest harmonic of the folds; the branches that lead to them are traced with 15 at most.
+    start : Orbit, Trajectory, mapping from name to value or sequence of float, optional
+        A state: only Hopf points of the equilibrium near it, and their branches, are looked at.
     **values : float
         Parameter values, by name.
 
@@ -69,7 +73,7 @@ def critical_speeds(
     coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
     found: list[Critical] = []
     located: list[SpecialPoint] = []
-    for hopf in hopf_points(system, parameter, span):
+    for hopf in hopf_points(system, parameter, span, start=start):
         if lo <= hopf.value <= hi:
             found.append(hopf_gradient(system, hopf))
         try:

@@ -24,7 +24,7 @@ from hbbogie.reports.cycle_tables import (
 from hbbogie.reports.figures import cycle_figures, diagram_figures, linear
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
-from hbbogie.results import Branch, Orbit
+from hbbogie.results import Branch, Cycles, Orbit
 from hbbogie.stability.hill_method import hill as hill_of
 from hbbogie.stability.multipliers import floquet
 
@@ -120,17 +120,19 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
     """
     at = quantity(system, parameter, system.values[parameter])
     summaries = [{**o.summary(), "largest_multiplier": largest_multiplier(o)} for o in cycles]
-    data = {"parameters": dict(system.values), "cycles": summaries}
+    evidence = cycles.evidence if isinstance(cycles, Cycles) else ()
+    data = {"parameters": dict(system.values), "cycles": summaries, "evidence": list(evidence)}
+    notes = tuple(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence)
     if not cycles:
         text = (
             f"No cycle found at {at}: no branch from a Hopf point passes there, and motions from states of "
             "several sizes do not settle on one."
         )
-        return Report(system.name, notes=(text,), data=data)
+        return Report(system.name, notes=(text, *notes), data=data)
     table = cycles_table(cycles, f"{system.name}: cycles at {at}")
     saved = {f"cycle_{i + 1}": Branch((o,), parameter) for i, o in enumerate(cycles)}
     tables = (table, *([_by_hill(system, cycles)] if hill else []))
-    return Report(system.name, tables, saved, cycle_figures(cycles, system), (), data)
+    return Report(system.name, tables, saved, cycle_figures(cycles, system), notes, data)
 
 
 def _by_hill(system: System, cycles: list[Orbit]) -> Table:

@@ -1,0 +1,129 @@
+"""The census of cycles: closed forms, and shooting by an independent integrator (DOP853, relative tolerance 1e-11)."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import hbbogie as hb
+
+C, P = hb.Coordinate, hb.Parameter
+
+
+def pairs(cycles):
+    return sorted((o.period, o.stability.verdict) for o in cycles)
+
+
+def predator_prey():
+    n, q, K = C("n"), C("q"), P("K", 3.0)
+    g = 2.5 * n * q / (n + 1)
+    return hb.System("prey", [n, q], [K], [n.dot - (0.8 * n * (1 - n / K) - g), q.dot - (0.5 * g - 0.4 * q)])
+
+
+class TestWhatIsFound:
+    def test_an_equilibrium_away_from_zero(self):
+        (cycle,) = hb.find_cycles(predator_prey(), K=3.0)
+        assert cycle.period == pytest.approx(20.3446, rel=1e-5) and cycle.stability.verdict == "stable"
+
+    def test_two_attractors_of_one_system(self):
+        """Two coupled oscillators, in opposite phase and in phase."""
+        x = [C(f"x{i}") for i in range(2)]
+        mu = P("mu", 0.3, "1", "", (-10, 10))
+        equations = [
+            x[i].ddot
+            - mu * (1 - x[i] ** 2) * x[i].dot
+            + x[i]
+            - 0.1 * (x[1 - i] - x[i])
+            - 0.05 * (x[1 - i].dot - x[i].dot)
+            for i in range(2)
+        ]
+        found = pairs(hb.find_cycles(hb.System("pair", x, [mu], equations), mu=0.3))
+        assert [v for _, v in found] == ["stable", "stable"]
+        assert [T for T, _ in found] == pytest.approx([5.74767619, 6.31844320], rel=1e-6)
+
+    def test_no_root_at_rest(self):
+        """r' = r (r^2 - 3 r + 1), in closed form; the root has no slope at zero."""
+        x, y, k = C("x"), C("y"), P("k", 1.0)
+        r = ca.sqrt(x**2 + y**2)
+        g = r**2 - 3 * r + k
+        found = hb.find_cycles(hb.System("root", [x, y], [k], [x.dot - (x * g - y), y.dot - (y * g + x)]), k=1.0)
+        radii = (3 - 5**0.5) / 2, (3 + 5**0.5) / 2
+        assert [o.amplitude("x") for o in found] == pytest.approx(radii, rel=1e-6)
+        assert [o.stability.verdict for o in found] == ["stable", "unstable"]
+
+    @pytest.mark.slow
+    def test_phantoms_of_harmonic_balance_are_not_listed(self):
+        """FitzHugh and Nagumo's equations, where an unstable and a stable cycle coexist."""
+        x, y, i = C("x"), C("y"), P("I", 0.5505)
+        system = hb.System("fhn", [x, y], [i], [x.dot - (x - x**3 / 3 - y + i), y.dot - 0.08 * (x - 0.8 * y)])
+        found = pairs(hb.find_cycles(system, I=0.5505, interval=(0.4, 0.7)))
+        assert [v for _, v in found] == ["unstable", "stable"]
+        assert [T for T, _ in found] == pytest.approx([32.6892, 52.9807], rel=1e-5)
+
+    def test_mirror_images_are_two_cycles(self):
+        """Circles of radius sqrt(k) in the planes z = 1 and z = -1, in closed form; the one in z = 0 is unstable."""
+        x, y, z, k = C("x"), C("y"), C("z"), P("k", 0.25)
+        g = k - (x**2 + y**2)
+        equations = [x.dot - g * x + y, y.dot - g * y - x, z.dot - (z - z**3)]
+        found = hb.find_cycles(hb.System("mirror", [x, y, z], [k], equations), k=0.25)
+        stable = [o for o in found if o.stability.verdict == "stable"]
+        assert sorted(o.coefficients[0, 2] for o in stable) == pytest.approx([-1.0, 1.0])
+        assert all(o.amplitude("x") == pytest.approx(0.5, rel=1e-8) for o in found)
+
+
+class TestEvidence:
+    def test_an_empty_answer_says_why(self):
+        """Below K = 33/17 the equilibrium is stable."""
+        none = hb.find_cycles(predator_prey(), K=1.5)
+        assert none == [] and "1.94117647" in none.evidence[0] and "eigenvalues" in none.evidence[0]
+        assert none.evidence[0] in repr(none)
+
+    def test_what_was_looked_at(self):
+        found = hb.find_cycles(predator_prey(), K=3.0)
+        text = " ".join(found.evidence)
+        assert "branch from the Hopf point at K = 1.94117647" in text and "motions" in text
+        assert len(repr(found)) < 400
+
+    def test_a_start_looks_at_one_equilibrium(self):
+        found = hb.find_cycles(predator_prey(), K=3.0, start={"n": 0.5, "q": 0.4})
+        assert [o.period for o in found] == pytest.approx([20.3446], rel=1e-5)
+        assert sum("equilibrium n =" in s for s in found.evidence) == 1
+
+
+class TestConserved:
+    def selkov(self):
+        x, y, w, b = C("x"), C("y"), C("w"), P("b", 0.6)
+        f = -x + 0.08 * y + x**2 * y
+        small = hb.System("small", [x, y], [b], [x.dot - f, y.dot - (b - 0.08 * y - x**2 * y)])
+        whole = hb.System("whole", [x, y, w], [b], [x.dot - f, y.dot - (b - 0.08 * y - x**2 * y), w.dot + f])
+        return small, whole
+
+    @pytest.mark.parametrize("H", [9, 15])
+    def test_judged_within_the_level(self, H):
+        """The product of the reaction kept: its multipliers are those of the reaction alone, and a 1."""
+        small, whole = self.selkov()
+        (o,) = hb.find_cycles(small, b=0.6, harmonics=H, stability=False)
+        c = np.c_[o.coefficients, -o.coefficients[:, 0]]
+        c[0, 2] = 0
+        o3 = o.replace(system="whole", coordinates=("x", "y", "w"), units=("",) * 3, coefficients=c)
+        found, alone = hb.floquet(whole, o3), hb.floquet(small, o)
+        assert found.verdict == "stable" and "x + w is conserved" in found.reason
+        assert found.critical == pytest.approx(alone.critical, rel=1e-6)
+        assert np.sum(np.abs(found.multipliers - 1) < 1e-2) == 2
+
+    def test_a_branch_within_the_level(self):
+        """Brusselator with its waste kept, x + y + w constant: the branch of the Brusselator alone."""
+        x, y, w, B = C("x"), C("y"), C("w"), P("B", 2.5)
+        f, g = 1 - (B + 1) * x + x**2 * y, B * x - x**2 * y
+        whole = hb.System("whole", [x, y, w], [B], [x.dot - f, y.dot - g, w.dot + (1 - x)])
+        small = hb.System("small", [x, y], [B], [x.dot - f, y.dot - g])
+        balance = hb.HarmonicBalance(9)
+        omegas = []
+        for system in (whole, small):
+            (hopf,) = hb.hopf_points(system, "B", (1.0, 4.0))
+            branch = hb.trace(balance.equations(system), hopf, "B", (1.0, 2.2), stability=False)
+            assert branch.values.max() == pytest.approx(2.2)
+            (at,) = hb.branches.crossings(balance.equations(system), branch, 2.1)
+            omegas.append(at.omega)
+            level = [o.coefficients[0].sum() for o in branch.orbits]
+            assert system is small or np.ptp(level) < 1e-9
+        assert omegas[0] == pytest.approx(omegas[1], rel=1e-8)
