@@ -164,7 +164,7 @@ def _check_passing(passages: Passages, orbit: Orbit, error: ConvergenceError | N
 
 def _status(path: Path, shooting: Shooting, closure: float, distance: float, isolated: bool) -> str:
     contacts = len(shooting.pattern.contact)
-    status = f"polished by shooting, closed to {closure:.1e} on {len(path.x)} elements with {contacts} contact(s) located"
+    status = f"polished by shooting to {closure:.1e} on {len(path.x)} elements with {contacts} contact(s) located"
     if not isolated:
         status += "; not isolated: a continuous family of cycles, as in a conservative system (or a fold); one "
         status += "of it was taken, and the errors against it mean little"
