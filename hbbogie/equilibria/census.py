@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie.equilibria.curve import RestBranch, RestCurve, follow
 from hbbogie.equilibria.rest import Level, Rest, conserved
-from hbbogie.equilibria.search import NEAR, NOTHING, WIDE, Box, at_random, from_rest, newton, relaxed
+from hbbogie.equilibria.search import NEAR, NOTHING, SLICES, WIDE, Box, at_random, from_rest, newton, relaxed
 from hbbogie.equilibria.turns import crossing, turns
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.model.singular import between_poles, singular_terms
@@ -20,8 +20,10 @@ from hbbogie.results import Orbit, Trajectory
 Array = NDArray[np.float64]
 COUNTS = (4, 48)  # random starts: of many unknowns, and of few
 WORK = 2000  # unknowns times starts
-MANY, RELAXED = 100, 3  # unknowns from which few motions are looked at, so many
+MANY, FEW = 100, 3  # unknowns from which the starts at rest are few, so many
 MOST_BRANCHES = 40
+IN_FAMILY = 1e-8  # singular value below which an equilibrium from a random start is one of a family, not near a fold
+VERTICAL = 1e-8  # share of the interval below which a branch is a family at one value of the parameter
 RANK = 1e-10  # smallest singular value, relative to the largest, of equations whose solutions form a curve
 
 Start = Orbit | Trajectory | Mapping[str, float] | Sequence[float] | Array
@@ -103,25 +105,26 @@ def census(
 def _part(rest: Rest, span: tuple[float, float], state: Array, value: float | None) -> tuple[Part, list[str]]:
     """Return the branches over a part of the interval; those through the start only where it has a value."""
     box = Box.of(rest, span)
-    u, normals = from_rest(rest, box, state)
+    few = len(box.scale) > MANY
+    u, normals = from_rest(rest, box, state, FEW if few else len(SLICES))
     if value is not None:
         u[0, -1] = np.clip(value, *span)
     roots, found = newton(rest, u, normals, box)
     found &= box.holds(roots)
-    lost = np.flatnonzero(~found)[: RELAXED if len(box.scale) > MANY else None]
+    lost = np.flatnonzero(~found)
     if len(lost):  # let motions approach an equilibrium first
         roots[lost], found[lost] = newton(rest, relaxed(rest, u[lost], box.scale), normals[lost], box)
         found &= box.holds(roots)
     notes = _not_smooth(rest, u)
-    family = _family(rest, box, roots[found], state)
+    family = _family(rest, box, roots[found])
     if family is not None:
         return _part(replace(rest, level=family), span, state, value)
     if value is not None:
         branches = _followed(rest, box.seen(rest, roots[found]), roots[found][:1], False, notes)
         return Part(rest, box, tuple(branches)), [*rest.level.text, *notes]
     count = int(np.clip(WORK // len(box.scale), *COUNTS))
-    known, tried, converged, outside = roots[found], len(u), int(found.sum()), 0
-    rounds = () if not rest.system.nonlinear_coordinates else (WIDE, NEAR, NEAR)
+    known, tried, converged, outside, in_families = roots[found], len(u), int(found.sum()), 0, np.empty(0)
+    rounds = () if not rest.system.nonlinear_coordinates else (WIDE, NEAR) if few else (WIDE, NEAR, NEAR)
     for seed, decades in enumerate(rounds):
         if seed and converged == tried and (np.abs(known) <= NOTHING * box.scale)[:, : rest.system.n].all():
             break  # every start has led to zero
@@ -129,11 +132,24 @@ def _part(rest: Rest, span: tuple[float, float], state: Array, value: float | No
         roots, found = newton(rest, u, normals, box, free)
         inside = found & box.holds(roots)
         tried, converged, outside = tried + count, converged + int(found.sum()), outside + int((found & ~inside).sum())
-        known = np.concatenate([known, roots[inside]])
+        roots = roots[inside]
+        alone = ~rest.singular(roots, IN_FAMILY) if len(roots) else inside[:0]
+        in_families = np.append(in_families, roots[~alone, -1])
+        known = np.concatenate([known, roots[alone]])
         box = box.seen(rest, known)
     branches = _followed(rest, box, known, True, notes)
     where = f"{rest.parameter} from {span[0]:.6g} to {span[1]:.6g}"
-    notes.insert(0, f"{where}: {tried} starts of Newton's method at rest and in random states, {converged} converged")
+    beyond = f", {outside} of them beyond the bounds of the coordinates" if outside else ""
+    head = f"{where}: {tried} starts of Newton's method at rest and in random states, {converged} converged{beyond}"
+    if len(in_families):
+        low, high = (0.0 if abs(v) < 1e-9 * (span[1] - span[0]) else v for v in (in_families.min(), in_families.max()))
+        place = (
+            f"at {rest.parameter} = {low:.6g}"
+            if high - low < 1e-6 * (span[1] - span[0])
+            else (f"from {rest.parameter} = {low:.6g} to {high:.6g}")
+        )
+        notes.append(f"equilibria that form continuous families {place} are not followed: give one as start=")
+    notes.insert(0, head)
     return Part(rest, box, tuple(branches)), [*rest.level.text, *notes]
 
 
@@ -150,7 +166,7 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
         if any(b.passes(curve, u) for b in branches):
             continue
         branch = follow(rest, box.about(rest, u), u)
-        if branch is None:
+        if branch is None or np.ptp(branch.u[:, -1]) <= VERTICAL * box.scale[-1]:
             lost += 1
             continue
         branch = replace(branch, turns=turns(rest, box, branch))
@@ -174,7 +190,7 @@ def _same(curve: RestCurve, a: RestBranch, b: RestBranch) -> bool:
     return all(long.passes(curve, short.u[(len(short.u) * k) // 3]) for k in (1, 2))
 
 
-def _family(rest: Rest, box: Box, roots: Array, state: Array) -> Level | None:
+def _family(rest: Rest, box: Box, roots: Array) -> Level | None:
     """Return a level that singles out one of a continuous family of equilibria, or None where there is none."""
     n, level = rest.system.n, rest.level
     if len(roots) < 2:

@@ -16,7 +16,7 @@ from hbbogie.equilibria.spectrum import ON_AXIS, Pairing, eigenpairs, spectra, s
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-NODES = (65, 25)  # least number of points at which eigenvalues are computed: of few states, and of many
+NODES = (65, 17)  # least number of points at which eigenvalues are computed: of few states, and of many
 MANY_STATES = 100
 DEEPEST = 18  # bisections of a step
 DEEPEST_OF_REAL = 3  # the same where both eigenvalues are real, as beside folds
@@ -265,8 +265,8 @@ def _confirmed(steps: Steps, step: Step, pairing: Pairing, i: int, course: Array
     off = np.linalg.norm((v - step.u[0]) / steps.metric - share * along)
     if not (-1e-6 <= share <= 1 + 1e-6 and off <= 0.3 * np.linalg.norm(along) + 1e-9):
         return False
-    if not 0.5 * near.imag < omega < 2 * near.imag:
-        return False
+    if not 0.5 * near.imag < omega < 2 * near.imag or steps.rest.singular(v[None])[0]:
+        return False  # a double zero is no Hopf point
     values, _ = eigenpairs(state_matrices(steps.rest, steps.rest.pencil(v[None]))[0])
     distance = np.abs(values - 1j * omega) / omega
     if distance.min() > ROUND_OFF:

@@ -15,6 +15,7 @@ from hbbogie.solving.newton import Buffered
 
 Array = NDArray[np.float64]
 CONSERVED = 1e-11  # share of the largest singular value of samples of the equations up to which one is zero
+SINGULAR = 1e-11  # smallest singular value of a matrix, relative to the largest, that counts as zero
 MANY = 100  # coordinates from which functions are called point by point
 
 
@@ -150,6 +151,16 @@ class Rest:
         p[:, self.place] = values[fill]
         out = mapped(q[fill].ravel(), p.ravel(), *(m[fill].ravel() for m in more))
         return [o.T.reshape(size, -1, o.shape[0]).swapaxes(1, 2)[:N] for o in out]
+
+    def singular(self, u: Array, tolerance: float = SINGULAR) -> NDArray[np.bool_]:
+        """Tell at which points dF/d(q, mu) is singular, whatever the units of equations and unknowns."""
+        J = self.evaluate(u)[1][:, :, :-1]
+        J = np.where(np.isfinite(J).all(axis=(1, 2), keepdims=True), J, np.eye(self.m))
+        for axis in (2, 1):
+            size = np.abs(J).max(axis=axis, keepdims=True)
+            J = J / np.where(size > 0, size, 1.0)
+        sizes = np.linalg.svd(J, compute_uv=False)
+        return np.asarray(sizes[:, -1] <= tolerance * sizes[:, 0])
 
     def rows(self, J: Array, scale: Array) -> Array:
         """Return the sizes of the equations, shape (..., m), in unknowns of a scale, shape (m + 1,) or (N, m + 1)."""

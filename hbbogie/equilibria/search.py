@@ -183,11 +183,12 @@ def relaxed(rest: Rest, u: Array, scale: Array) -> Array:
     return u
 
 
-def from_rest(rest: Rest, box: Box, start: Array) -> tuple[Array, Array]:
+def from_rest(rest: Rest, box: Box, start: Array, count: int) -> tuple[Array, Array]:
     """Return starts at a state, at several values of the parameter, and their normals."""
-    u = np.zeros((len(SLICES), len(box.scale)))
+    shares = np.array(SLICES[:count])
+    u = np.zeros((len(shares), len(box.scale)))
     u[:, : rest.system.n] = start
-    u[:, -1] = box.low[-1] + np.array(SLICES) * (box.high[-1] - box.low[-1])
+    u[:, -1] = box.low[-1] + shares * (box.high[-1] - box.low[-1])
     return u, np.tile(np.eye(len(box.scale))[-1], (len(u), 1))
 
 

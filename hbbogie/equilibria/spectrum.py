@@ -133,8 +133,10 @@ def _slow(A: Array, dA: Array, values: Complex) -> tuple[Complex, Complex] | Non
     shift = 2 * sizes[k - 1]
     shifted = A - shift * np.eye(len(A))
     rows = np.abs(shifted).max(axis=1)
-    inverse = np.linalg.solve(shifted / rows[:, None], np.diag(1 / rows))
-    nu, V = np.linalg.eig(inverse)
+    try:
+        nu, V = np.linalg.eig(np.linalg.solve(shifted / rows[:, None], np.diag(1 / rows)))
+    except np.linalg.LinAlgError:  # the slow ones are zeros
+        return None
     slow = np.argsort(-np.abs(nu), kind="stable")[:k]
     slopes = np.diag(np.linalg.lstsq(V, dA @ V, rcond=None)[0]) if np.any(dA) else np.zeros(len(A))
     found = shift + 1 / nu[slow].astype(complex)

@@ -109,7 +109,7 @@ class TestEquilibria:
         found = hb.find_equilibria(predator_prey(POSITIVE), "K", (0.2, 20.0))
         assert min(o.coefficients.min() for b in found for o in b.orbits) >= 0
         assert values(found.special("branch point")) == pytest.approx([8 / 17, 8 / 17], abs=1e-9)
-        assert any("q reaches its bound 0" in b.ends for b in found)
+        assert any(end.what == "q reaches its bound 0" for b in found for end in b.ends)
 
     def test_starts_choose_one_branch(self):
         x, z, p = C("x"), C("z"), P("p", 0.3)
@@ -348,6 +348,21 @@ class TestConserved:
         system = hb.System("s", [x, y], [p], [x.ddot + force, 2 * y.ddot - force])
         (point,) = hb.hopf_points(system, "p", (-0.5, 0.6))
         assert point.value == pytest.approx(0.0, abs=1e-12) and point.omega == pytest.approx(np.sqrt(1.5), rel=1e-11)
+
+    def test_a_family_at_one_value_of_the_parameter(self):
+        """x'' = -p x with a growing y: at p = 0 every x rests; that is no branch and holds no Hopf point."""
+        x, y, p = C("x"), C("y"), P("p", 0.5)
+        system = hb.System("s", [x, y], [p], [x.ddot + 0.5 * x.dot + p * (x + x**3), oscillator(y, p - 0.3)])
+        found = hb.find_equilibria(system, "p", (-1.0, 1.0))
+        assert values(found.special("hopf")) == pytest.approx([0.3], abs=1e-11)
+        assert len(found) == 1 and np.ptp(found[0].values) == 2.0
+
+    def test_a_circle_of_equilibria_is_named(self):
+        """z' = (p - |z|^2) z has a circle of equilibria for every p > 0."""
+        x, y, p = C("x"), C("y"), P("p", 0.5)
+        growth = p - x**2 - y**2
+        found = hb.find_equilibria(hb.System("s", [x, y], [p], [x.dot - growth * x, y.dot - growth * y]), "p", (-1, 1))
+        assert any("families" in sentence for sentence in found.evidence) and found.special("hopf") == []
 
     def test_a_family_that_no_linear_quantity_makes(self):
         """Epidemic without births: every (S, 0, R) rests; the one at the start loses its stability at b S = 1."""
