@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -70,7 +70,11 @@ def poles(system: System, parameter: str, interval: tuple[float, float]) -> dict
     grid = np.linspace(low, high, SAMPLES)
     found: dict[float, str] = {}
     for i, d in zip(own, at(grid)[own], strict=True):
-        for value in _zeros(lambda v, i=i: float(at(np.array([v]))[i, 0]), grid, d):
+
+        def term(v: float, i: int = int(i)) -> float:
+            return float(at(np.array([v]))[i, 0])
+
+        for value in _zeros(term, grid, d):
             found.setdefault(value, terms.labels[i])
     return dict(sorted(found.items()))
 
@@ -104,14 +108,22 @@ def without_poles(system: System, parameter: str, interval: tuple[float, float])
     return next((part for part in parts if part[0] <= value <= part[1]), interval)
 
 
-def _zeros(function: ca.Function, grid: Array, d: Array) -> Iterable[float]:
-    """Return the zeros of a function of one variable, also those without change of sign."""
+def _zeros(function: Callable[[float], float], grid: Array, d: Array) -> list[float]:
+    """Return the zeros of a function of one variable, also those without change of sign.
+
+    A function that is made to differ from zero at one point, as by ``if_else(k == 0, 1, k)``, has none there.
+    """
     size = ZERO * np.abs(d[np.isfinite(d)]).max(initial=0.0)
+    candidates = (_snapped(value, grid) for value in _near_zeros(function, grid, d, size))
+    return [value for value in candidates if not abs(function(value)) > size]
+
+
+def _near_zeros(function: Callable[[float], float], grid: Array, d: Array, size: float) -> Iterable[float]:
     for i, value in enumerate(d):
         if abs(value) <= size:
             yield float(grid[i])
         elif i and value * d[i - 1] < 0 and abs(d[i - 1]) > size:
-            yield _snapped(float(brentq(function, grid[i - 1], grid[i], xtol=1e-14)), grid)
+            yield float(brentq(function, grid[i - 1], grid[i], xtol=1e-14))
         elif 0 < i < len(d) - 1 and size < abs(value) < min(abs(d[i - 1]), abs(d[i + 1])) and value * d[i + 1] > 0:
             dip = minimize_scalar(
                 lambda v: abs(function(v)),
@@ -120,7 +132,7 @@ def _zeros(function: ca.Function, grid: Array, d: Array) -> Iterable[float]:
                 options={"xatol": 1e-12},
             )
             if dip.fun <= size:
-                yield _snapped(float(dip.x), grid)
+                yield float(dip.x)
 
 
 def _snapped(value: float, grid: Array) -> float:

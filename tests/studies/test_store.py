@@ -103,7 +103,7 @@ def _runs(pid):
 
 def test_two_processes_on_one_store(tmp_path, truth):
     """The second is refused, in so many words; the first goes on, and can be looked at meanwhile."""
-    path, store = write_study(tmp_path, wait=0.05), tmp_path / "s.db"
+    path, store = write_study(tmp_path, wait=0.5), tmp_path / "s.db"
     command = ("hbbogie", "study", "run", path, "--store", store, "--workers", 1)
     first = process(*command)
     wait_for(lambda: finished(store) >= 2, "two points")
