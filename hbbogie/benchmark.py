@@ -69,6 +69,8 @@ def measure(table: Table, H: int = 15) -> None:
     add = table.add
     command = [sys.executable, "-c", "import hbbogie"]
     add("import hbbogie, in a new process", lambda: subprocess.run(command, check=True), 3)
+    version = [sys.executable, "-m", "hbbogie", "--version"]
+    add("hbbogie --version, from shell", lambda: subprocess.run(version, check=True, capture_output=True), 3)
     builder = load_problem("yang1995").bogie
 
     def build() -> Any:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from hbbogie.attraction.endings import Ends, Place, decide, place_of, states_of, steps_for
 from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.branches.judging import stability_of
-from hbbogie.branches.simulated import distinct
+from hbbogie.branches.same import once_each
 from hbbogie.errors import ModelError, positive
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -207,7 +207,7 @@ def _cycles(
                 here += crossings(equations, branch, float(value))
             except (ModelError, ConvergenceError) as error:
                 notes.append(f"Cycles at {parameter} = {value:g}: {error}")
-        found.append([o.replace(stability=stability_of(system, o)) for o in distinct(here)])
+        found.append([o.replace(stability=stability_of(system, o)) for o in once_each(here)])
     return found
 
 

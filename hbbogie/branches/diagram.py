@@ -12,7 +12,8 @@ from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.branches.cycles import ORDERS, find_cycles
 from hbbogie.branches.judging import estimate, judged, stability_of
-from hbbogie.branches.simulated import distinct, settled_cycles
+from hbbogie.branches.same import once_each
+from hbbogie.branches.simulated import settled_cycles
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
@@ -208,7 +209,7 @@ def _passes(equations: Equations, branch: Branch, cycle: Orbit) -> bool:
         on_branch = crossings(equations, branch, cycle.parameters[branch.parameter])
     except ModelError:
         return True  # a family: it holds cycles of every amplitude
-    return len(distinct([*on_branch, cycle])) == len(on_branch)
+    return len(once_each([*on_branch, cycle])) == len(on_branch)
 
 
 def is_family(branch: Branch, interval: tuple[float, float]) -> bool:

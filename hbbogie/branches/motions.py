@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
 from hbbogie.branches.same import signature
@@ -24,6 +25,7 @@ RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
 HARMONICS = 255  # of the recurrence, at most
+AROUND, FINE = 5, 1000  # samples on each side of a recurrence, and places looked at between two of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,17 +130,17 @@ def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:
     best = d[low].min()
     near = low[d[low] <= max(2 * best, 0.1)]  # the first return is a period, later ones are several
     k = int(near[0]) + int(away[0])
-    # the closest point of the line through both neighbours
-    a, b = (states[-1 - k - 1] / wide, states[-1 - k + 1] / wide)
-    along = b - a
-    s = float(np.clip(((states[-1] / wide - a) @ along) / max(float(along @ along), 1e-300), 0, 1))
-    return k + 1 - 2 * s, float(np.linalg.norm(a + s * along - states[-1] / wide))
+    # a cubic through the samples around: their distance is too long for a straight line where a motion is not smooth
+    last = len(states) - 1
+    around = np.arange(max(0, last - k - AROUND), min(last, last - k + AROUND) + 1)
+    there = last - k + np.linspace(-1, 1, 2 * FINE + 1)
+    gaps = np.linalg.norm(CubicSpline(around, states[around] / wide)(there) - states[-1] / wide, axis=1)
+    closest = int(np.argmin(gaps))
+    return last - float(there[closest]), float(gaps[closest])
 
 
 def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Orbit:
     """Return the last period of sampled states as an orbit, made to close."""
-    from scipy.interpolate import CubicSpline
-
     count = len(states) - 1
     first = max(0, int(count - back) - 3)
     spline = CubicSpline(np.arange(first, count + 1), states[first:, : system.n])

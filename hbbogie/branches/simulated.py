@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
 
-from hbbogie import fourier
+from hbbogie.branches.same import once_each
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
@@ -22,7 +22,6 @@ CHUNK, LONGEST = 2e3, 1.2e5  # steps simulated between two looks at the motion, 
 SLOWEST = 60.0  # or so many time constants of the slowest mode
 FINEST = 511  # highest harmonic of a motion from which shooting may go on
 NEAR = 0.2  # share by which the frequency of a motion may be off the cycle it has settled on
-SAME = 1e-6  # cycles closer than this, relative to their size, are one
 
 
 def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
@@ -80,7 +79,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
             orbit=unresolved,
             statistics={"unresolved": unresolved is not None},  # whether more harmonics might help
         )
-    return distinct(found)
+    return once_each(found)
 
 
 def _near(equations: Equations, guess: Orbit) -> Orbit:
@@ -106,24 +105,3 @@ def _settled(system: System, starts: list[dict[str, float]], coordinate: str) ->
                 break
             except ConvergenceError:
                 continue
-
-
-def distinct(orbits: Iterable[Orbit]) -> list[Orbit]:
-    """Return the orbits that differ in more than the time origin, by growing amplitude."""
-    kept: list[Orbit] = []
-    for orbit in orbits:
-        if not any(_same(orbit, other) for other in kept):
-            kept.append(orbit)
-    return sorted(kept, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))
-
-
-def _same(a: Orbit, b: Orbit) -> bool:
-    if abs(a.omega - b.omega) > SAME * a.omega:
-        return False
-    H = max(a.H, b.H)
-    spectra = [
-        np.hypot(c[1::2], c[2::2]) for c in (fourier.resize(a.coefficients, H), fourier.resize(b.coefficients, H))
-    ]
-    means = np.abs(a.coefficients[0] - b.coefficients[0])
-    size = spectra[0].max()
-    return bool(np.abs(spectra[0] - spectra[1]).max() <= SAME * size and means.max() <= SAME * size)

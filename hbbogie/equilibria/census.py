@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.equilibria.curve import RestBranch, RestCurve, follow
+from hbbogie.equilibria.curve import VERTICAL, RestBranch, RestCurve, follow
 from hbbogie.equilibria.rest import Level, Rest, conserved
 from hbbogie.equilibria.search import NEAR, NOTHING, SLICES, WIDE, Box, at_random, from_rest, newton, relaxed
 from hbbogie.equilibria.turns import crossing, turns
@@ -23,7 +23,7 @@ WORK = 2000  # unknowns times starts
 MANY, FEW = 100, 3  # unknowns from which the starts at rest are few, so many
 MOST_BRANCHES = 40
 IN_FAMILY = 1e-8  # singular value below which an equilibrium from a random start is one of a family, not near a fold
-VERTICAL = 1e-8  # share of the interval below which a branch is a family at one value of the parameter
+ROUND_OFF = 1e-9  # share of its scale up to which a coordinate may be zero
 RANK = 1e-10  # smallest singular value, relative to the largest, of equations whose solutions form a curve
 
 Start = Orbit | Trajectory | Mapping[str, float] | Sequence[float] | Array
@@ -137,7 +137,10 @@ def _part(rest: Rest, span: tuple[float, float], state: Array, value: float | No
         in_families = np.append(in_families, roots[~alone, -1])
         known = np.concatenate([known, roots[alone]])
         box = box.seen(rest, known)
-    branches = _followed(rest, box, known, True, notes)
+    edgy = _at_edges(rest, box, known)
+    if edgy.any():
+        notes.append(f"{int(edgy.sum())} roots are round-off beside states at which there is no derivative: left out")
+    branches = _followed(rest, box, known[~edgy], True, notes)
     where = f"{rest.parameter} from {span[0]:.6g} to {span[1]:.6g}"
     beyond = f", {outside} of them beyond the bounds of the coordinates" if outside else ""
     head = f"{where}: {tried} starts of Newton's method at rest and in random states, {converged} converged{beyond}"
@@ -216,6 +219,15 @@ def _family(rest: Rest, box: Box, roots: Array) -> Level | None:
         level.zeros + count,
         (*level.text, text),
     )
+
+
+def _at_edges(rest: Rest, box: Box, roots: Array) -> NDArray[np.bool_]:
+    """Tell which roots have coordinates within round-off of zero, where the equations have no derivative."""
+    n = rest.system.n
+    q = roots[:, :n]
+    snapped = np.concatenate([np.where(np.abs(q) <= ROUND_OFF * box.scale[:n], 0.0, q), roots[:, n:]], axis=1)
+    with np.errstate(all="ignore"):
+        return np.asarray((snapped != roots).any(axis=1) & ~np.isfinite(rest.raw(snapped)[1]).all(axis=(1, 2)))
 
 
 def _not_smooth(rest: Rest, u: Array) -> list[str]:

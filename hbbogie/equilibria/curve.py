@@ -24,6 +24,7 @@ CLOSED = Ending("closed", "the curve closes on itself")
 AROUND = Ending("closed", "it has made a whole turn, and repeats itself")
 NEAR_HOME = 0.11  # distance from its first point at which a branch may close
 SAME = 1e-6  # scaled distance up to which two equilibria are one
+VERTICAL = 1e-8  # share of the interval below which a branch is a family at one value of the parameter
 
 
 class RestCurve:
@@ -186,6 +187,8 @@ def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]]
             if why.kind == "interval":
                 found = _to_the_end(curve, found)
             return _inside(curve, found, _reason(rest, curve, points[-1], why))
+        if np.ptp([u[-1] for u, _ in found]) <= VERTICAL * box.scale[-1]:
+            return found, Ending("vertical", f"{rest.parameter} stays the same along it"), curve.scale
         n = rest.system.n
         scale = curve.scale.copy()
         scale[:n] = np.maximum(scale[:n], 2 * np.abs(points[-1].u[:n]))

@@ -12,6 +12,7 @@ from hbbogie.equilibria.rest import Rest
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import HopfPoints, Orbit, SpecialPoint
+from hbbogie.results.equilibria import in_order
 
 Array = NDArray[np.float64]
 ZERO = 1e-12  # share of the interval up to which a value is zero
@@ -59,7 +60,7 @@ def hopf_points(
             found = crossings(part.rest, part.box, branch)
             points += hopf_specials(part.rest, span, found)
             evidence += branch_evidence(part.rest, branch, found)
-    return HopfPoints(sorted(points, key=lambda s: s.value), tuple(evidence))
+    return HopfPoints(in_order(points, span), tuple(evidence))
 
 
 def hopf_specials(rest: Rest, span: tuple[float, float], found: Crossings) -> list[SpecialPoint]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from hbbogie.results.branch import Branch, SpecialPoint
 
+ONE_VALUE = 1e-10  # share of the interval up to which two values are one
+
 
 @dataclass(frozen=True, eq=False)
 class Equilibria:
@@ -38,12 +40,18 @@ class Equilibria:
 
     def special(self, kind: str) -> list[SpecialPoint]:
         """Return the special points of a kind on all branches, by growing parameter."""
-        return sorted((s for b in self.branches for s in b.special if s.kind == kind), key=lambda s: s.value)
+        return in_order((s for b in self.branches for s in b.special if s.kind == kind), self.interval)
 
     def __repr__(self) -> str:
         low, high = self.interval
         head = f"{len(self.branches)} branch(es) of equilibria, {self.parameter} from {low:g} to {high:g}"
         return "\n".join([head, *(f"  {sentence}" for sentence in self.evidence)])
+
+
+def in_order(points: Iterable[SpecialPoint], interval: tuple[float, float]) -> list[SpecialPoint]:
+    """Return special points by growing parameter, those at one value by growing frequency."""
+    same = ONE_VALUE * (interval[1] - interval[0])
+    return sorted(points, key=lambda s: (round(s.value / same), s.orbit.omega))
 
 
 class HopfPoints(list[SpecialPoint]):

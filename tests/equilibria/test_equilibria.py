@@ -286,10 +286,10 @@ class TestHopfPoints:
         points = hb.hopf_points(hb.System("s", x, [p], equations), "p", (0.0, 1.0))
         assert points == [] and not any("axis" in sentence for sentence in points.evidence)
 
-    @pytest.mark.slow
-    def test_four_hundred_states(self):
-        """PUBLISHED: Brusselator on a line with 200 cells, half a unit of the last digit."""
-        n, A, B, L = 200, 2.0, 5.45, P("L", 0.6)
+    @pytest.mark.parametrize("n", [12, 55])
+    def test_brusselator_on_a_line(self, n):
+        """Ends held: of the k-th wave, trace zero at L^2 = 0.012 * 4 n^2 sin(k pi / (2 n))^2 / (B - 1 - A^2)."""
+        A, B, L = 2.0, 5.45, P("L", 0.6)
         x, y = [C(f"x{i}") for i in range(n)], [C(f"y{i}") for i in range(n)]
 
         def spread(u, end, i):
@@ -302,7 +302,8 @@ class TestHopfPoints:
             equations += [x[i].dot - f - 0.008 * spread(x, A, i), y[i].dot - g - 0.004 * spread(y, B / A, i)]
         q = [c for pair in zip(x, y, strict=True) for c in pair]
         points = hb.hopf_points(hb.System("line", q, [L], equations), "L", (0.4, 1.7))
-        assert values(points) == pytest.approx([0.51301, 1.02600, 1.53892], abs=5.5e-6)
+        waves = 2 * n * np.sin(np.arange(1, 4) * np.pi / (2 * n))
+        assert values(points) == pytest.approx(waves * np.sqrt(0.012 / (B - 1 - A**2)), rel=1e-9)
 
 
 def ring(n):
