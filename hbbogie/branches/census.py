@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import _family, crossings
 from hbbogie.branches.motions import recurrences, sample_distance
-from hbbogie.branches.same import alike, signature
+from hbbogie.branches.same import alike, of_prime_period, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
@@ -143,7 +143,8 @@ class Census:
                     f"a candidate of period {orbit.period:.6g} s on {origin} is not confirmed by shooting"
                 )
             return False
-        if near and not alike(polished, orbit, 0.05):
+        times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
+        if near and not alike(polished, orbit.replace(omega=times * orbit.omega), 0.05):
             return False
         same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
         if same is None:
@@ -178,7 +179,9 @@ class Census:
     def _checked(self, orbit: Orbit) -> Orbit:
         system = self.system
         checked = verify(system, orbit)
-        found = checked.orbit
+        found = of_prime_period(checked.orbit)
+        if found is not checked.orbit:
+            return self._checked(found)
         if not checked.isolated:
             size = np.abs(orbit.coefficients).sum(axis=0)
             states = np.append(size, orbit.omega * size[list(system.second_order)])

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 SAMPLES = 4096
 SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
 AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
+ABSENT = 1e-6  # share of a coordinate's largest harmonic up to which another one is not there
 RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and distance of the extremes of others
 
 
@@ -39,6 +40,19 @@ def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
     width = np.maximum(width, 1e-6 * width.max())
     far = max(min(AS_FAR * share, 0.3), ROUGH if max(a.tail, b.tail) > RESOLVED else 0.0)
     return bool((np.abs(first - second) <= far * width).all())
+
+
+def of_prime_period(orbit: Orbit) -> Orbit:
+    """Return a cycle that was run through several times as one that is run through once."""
+    waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
+    size = np.maximum(waves.max(axis=0), 1e-12 * waves.max(initial=0.0))
+    present = 1 + np.flatnonzero((waves > ABSENT * size).any(axis=1))
+    times = int(np.gcd.reduce(present)) if len(present) else 1
+    if times == 1:
+        return orbit
+    c = orbit.coefficients
+    pairs = [c[2 * h - 1 : 2 * h + 1] for h in range(times, orbit.H + 1, times)]
+    return orbit.replace(coefficients=np.concatenate([c[:1], *pairs]), omega=times * orbit.omega)
 
 
 def once_each(orbits: Iterable[Orbit]) -> list[Orbit]:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
+from hbbogie.branches.same import of_prime_period as _of_prime_period
 
 C, P = hb.Coordinate, hb.Parameter
 
@@ -49,6 +50,23 @@ class TestWhatIsFound:
         radii = (3 - 5**0.5) / 2, (3 + 5**0.5) / 2
         assert [o.amplitude("x") for o in found] == pytest.approx(radii, rel=1e-6)
         assert [o.stability.verdict for o in found] == ["stable", "unstable"]
+
+    def test_motions_with_contact_come_back(self):
+        """Where the flange is met, a motion between samples is no straight line; it settles on the larger cycle."""
+        found = hb.find_cycles(hb.load_problem("yang1995").bogie(), V=90.0)
+        assert [o.stability.verdict for o in found] == ["unstable", "stable"]
+        assert any("came to a cycle found already" in sentence for sentence in found.evidence)
+
+    def test_a_cycle_run_through_several_times_is_one(self):
+        """Three periods of x = cos t + sin 2 t."""
+        c = np.zeros((19, 1))
+        c[5, 0], c[12, 0] = 1.0, 1.0
+        thrice = hb.Orbit("s", ("x",), ("",), c, 1 / 3, {})
+        once = _of_prime_period(thrice)
+        t = np.linspace(0, 7, 50)
+        assert once.omega == pytest.approx(1.0) and _of_prime_period(once) is once
+        np.testing.assert_allclose(once.q(t), thrice.q(t), atol=1e-14)
+        np.testing.assert_allclose(once.q(t)[:, 0], np.cos(t) + np.sin(2 * t), atol=1e-14)
 
     @pytest.mark.slow
     def test_phantoms_of_harmonic_balance_are_not_listed(self):
