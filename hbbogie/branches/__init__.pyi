@@ -17,3 +17,4 @@ from .judging import estimate as estimate
 from .judging import judged as judged
 from .judging import stability_of as stability_of
 from .judging import verified as verified
+from .same import of_prime_period as of_prime_period

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.branches.same import of_prime_period as _of_prime_period
+from hbbogie.branches import of_prime_period
 
 C, P = hb.Coordinate, hb.Parameter
 
@@ -62,9 +62,9 @@ class TestWhatIsFound:
         c = np.zeros((19, 1))
         c[5, 0], c[12, 0] = 1.0, 1.0
         thrice = hb.Orbit("s", ("x",), ("",), c, 1 / 3, {})
-        once = _of_prime_period(thrice)
+        once = of_prime_period(thrice)
         t = np.linspace(0, 7, 50)
-        assert once.omega == pytest.approx(1.0) and _of_prime_period(once) is once
+        assert once.omega == pytest.approx(1.0) and of_prime_period(once) is once
         np.testing.assert_allclose(once.q(t), thrice.q(t), atol=1e-14)
         np.testing.assert_allclose(once.q(t)[:, 0], np.cos(t) + np.sin(2 * t), atol=1e-14)
 
