@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.closed_form import exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import _family, crossings
 from hbbogie.branches.motions import recurrences, sample_distance
@@ -17,8 +19,10 @@ from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
 from hbbogie.errors import ModelError
+from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.methods.scales import amplitude_scale
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
@@ -35,7 +39,8 @@ FINER = (31, 63)  # with which a candidate is tried again where shooting does no
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
-EXACT = 1e-10  # error of shooting
+EXACT = 1e-10  # error of shooting, and of cycles in closed form
+SAME = 1e-8  # share of the interval up to which values of the parameter are one
 
 
 class Census:
@@ -72,30 +77,59 @@ class Census:
         if not self.equilibria:
             self.evidence.append(f"{at}: no equilibrium was found")
 
+    @cached_property
+    def equations(self) -> Equations:
+        """The equations of harmonic balance with which branches are followed."""
+        return HarmonicBalance(COARSE).equations(self.system)
+
     def follow_branches(self) -> None:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
-        equations = HarmonicBalance(COARSE).equations(self.system)
         for hopf in self.hopf:
             name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}"
-            try:
-                branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
-            except FAILURES as error:
-                self.evidence.append(f"{name} was not followed: {error}")
-                continue
-            low, high = float(branch.values.min()), float(branch.values.max())
-            self.evidence.append(
-                f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}"
-            )
-            for orbit in [
-                *_before(equations, hopf, branch.orbits[0], self.value),
-                *crossings(equations, branch, self.value),
-            ]:
+            if not self._in_closed_form(hopf, name):
+                self._by_harmonic_balance(hopf, name)
+
+    def _in_closed_form(self, hopf: SpecialPoint, name: str) -> bool:
+        """Follow the exact cycles of a system that is linear between switchings; tell whether that succeeds."""
+        try:
+            walk = exact_walk(self.system, hopf, self.span)
+            cycles = [orbit for _, orbit in exact_crossings(walk, self.value)]
+        except FAILURES:
+            return False
+        values = [point.value for point in walk.points]
+        low, high = min(values), max(values)
+        lost = walk.marked("not located") + walk.marked("fold not located")
+        if lost or walk.end.kind not in ("interval", "contact") or high - low <= SAME * (self.span[1] - self.span[0]):
+            return False
+        self.evidence.append(f"{name} was followed in closed form from {low:.6g} to {high:.6g}: {walk.end}")
+        for orbit in cycles:
+            if _unknown(orbit):
                 self.consider(orbit, name)
+            else:
+                peaks = {c: EXACT * orbit.amplitude(c) for c in orbit.coordinates}
+                errors = {"omega": EXACT * orbit.omega, "waveform": max(EXACT, orbit.tail), **peaks}
+                self._keep(orbit.replace(errors=errors), name)
+        return True
+
+    def _by_harmonic_balance(self, hopf: SpecialPoint, name: str) -> None:
+        """Follow the cycles of harmonic balance, and consider those at the value."""
+        equations = self.equations
+        try:
+            branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
+        except FAILURES as error:
+            self.evidence.append(f"{name} was not followed: {error}")
+            return
+        low, high = float(branch.values.min()), float(branch.values.max())
+        self.evidence.append(f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}")
+        before = _before(equations, hopf, branch.orbits[0], self.value)
+        for orbit in [*before, *crossings(equations, branch, self.value)]:
+            self.consider(orbit, name)
 
     def simulate(self) -> None:
         """Follow motions, and consider the cycles they come near."""
         system = self.system
-        amplitude = float(HarmonicBalance(1).equations(system).scale[0])
+        p = system.vector()
+        amplitude = amplitude_scale(system.parts(True), p, frequency_scale(system, p))
         size = sizes(system, self.equilibria, self.found, amplitude)
         starts = starts_of(system, self.equilibria, size)
         if self.start is not None:
@@ -146,13 +180,17 @@ class Census:
         times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
         if near and not alike(polished, orbit.replace(omega=times * orbit.omega), 0.05):
             return False
+        self._keep(polished, origin)
+        return True
+
+    def _keep(self, polished: Orbit, origin: str) -> None:
+        """Add a cycle to those found, if it is new."""
         same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
         if same is None:
             self.found.append(polished)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
         elif _unknown(self.found[same]) and not _unknown(polished):
             self.found[same] = polished
-        return True
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
         """Return the cycle that shooting leads to, or, where it cannot, the one that more harmonics confirm."""

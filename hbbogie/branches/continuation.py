@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.bifurcations import special_points
+from hbbogie.branches.closed_form import exact_trace
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.switching import first_beyond
 from hbbogie.errors import ModelError
+from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
 from hbbogie.model.ranges import check_interval
@@ -32,7 +34,7 @@ CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 
 
 def trace(
-    equations: Equations,
+    equations: Equations | ExactEquations,
     start: Orbit | SpecialPoint,
     parameter: str,
     interval: tuple[float, float],
@@ -49,7 +51,9 @@ def trace(
 
     Parameters
     ----------
-    equations : Equations
+    equations : Equations or ExactEquations
+        In closed form step lengths are chosen from the curvature, every cycle is judged, and branches that begin at
+        special points other than Hopf points are not followed.
     start : Orbit or SpecialPoint
         A cycle on or near the branch. From a Hopf point the branch is followed towards growing amplitude, beginning
         where a gap first closes if the system is linear until then; from a branch point the branch that crosses;
@@ -94,6 +98,8 @@ def trace(
     H. B. Keller, in Applications of Bifurcation Theory, Academic Press 1977, 359-384 (eq-arclength).
     """
     lo, hi = check_interval(equations.system, parameter, interval)
+    if isinstance(equations, ExactEquations):
+        return exact_trace(equations, start, parameter, (lo, hi), max_points)
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(
             f"trace: step={step}, longest={longest}, max_points={max_points}; need 0 < step <= longest, 2 points."

@@ -116,7 +116,7 @@ def find_cycles(
     if not found:
         census.say_none()
     if harmonics == "auto":
-        judged = [_enough(o, tolerance) if o.method.startswith("multiple") else o for o in once_each(found)]
+        judged = [_enough(o, tolerance) if o.method.startswith(("multiple", "exact")) else o for o in once_each(found)]
     else:
         judged = _balanced(census, once_each(found), int(harmonics), stability)
     return Cycles([o if stability else o.replace(stability=None) for o in judged], census.evidence)

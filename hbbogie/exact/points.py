@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,10 @@ class Point:
     def direction(self) -> float:
         """Positive where the parameter rises along the walk, negative where it falls, 0 where that is not known."""
         return float(self.tangent[-1]) if self.along is None else self.along
+
+    def turned(self) -> Point:
+        """Return the point with the branch run through in the other direction."""
+        return replace(self, tangent=-self.tangent, along=None if self.along is None else -self.along)
 
     @property
     def value(self) -> float:

@@ -90,7 +90,11 @@ def follow(
         else:
             changed = there
         if changed.direction * here.direction < 0:
-            points.append(between(here, there, changed))
+            turn = between(here, there, changed)
+            if turn.kind != "fold" and length > NEARER:  # a grazing may follow closely
+                length /= 3
+                continue
+            points.append(turn)
         if not low <= changed.y[-1] <= high:
             bound = low if changed.y[-1] < low else high
             end = window[0] if changed.y[-1] < low else window[1]

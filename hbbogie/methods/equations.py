@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -20,6 +21,17 @@ from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
 RESTING = 1e-6  # share of the largest first harmonic up to which a coordinate does not set the phase
+
+
+class SolvesItself(Protocol):
+    """Equations of cycles that are no F(z, p) = 0 of fixed size, with a solver of their own."""
+
+    @property
+    def system(self) -> System:
+        """The system whose parameter values hold where nothing else is said."""
+
+    def solve(self, guess: Orbit, **fixed: float) -> Orbit:
+        """Return the cycle near a guess at given parameter values."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -30,7 +30,7 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
     """
     layout, p = assembly.layout, system.vector()
     omega = frequency_scale(system, p)
-    size, omega = _amplitude_scale(layout.parts, p, omega), omega if layout.moving else 0.0
+    size, omega = amplitude_scale(layout.parts, p, omega), omega if layout.moving else 0.0
     scale = np.full(layout.size, size)
     lower, upper = -LARGEST * scale, LARGEST * scale
     if layout.phase is not None:
@@ -75,7 +75,7 @@ def _labels(system: System, layout: Layout, which: Sequence[int], kind: str) -> 
     return (*moving, *means, *(["omega"] if kind == "unknown" and layout.moving else []))
 
 
-def _amplitude_scale(parts: Parts, p: Array, omega: float) -> float:
+def amplitude_scale(parts: Parts, p: Array, omega: float) -> float:
     """Return a typical amplitude: the smallest gap of the contact elements, else where a smooth force bends.
 
     That is the power of ten nearest to the amplitude at which the nonlinear part of an equation is half as large as

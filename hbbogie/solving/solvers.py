@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.methods.equations import Equations
+from hbbogie.methods.equations import Equations, SolvesItself
 from hbbogie.methods.level import within_level
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
@@ -53,7 +53,7 @@ def _by_ipopt(problem: Problem, y: Array) -> tuple[Array, dict[str, Any]]:
 
 @overload
 def solve(
-    equations: Equations,
+    equations: Equations | SolvesItself,
     guess: Orbit,
     *,
     free: str | None = ...,
@@ -82,7 +82,7 @@ def solve(
 
 
 def solve(
-    equations: Equations,
+    equations: Equations | SolvesItself,
     guess: Orbit,
     *,
     free: str | Sequence[str] | None = None,
@@ -98,7 +98,8 @@ def solve(
     Parameters
     ----------
     equations : Equations
-        From `HarmonicBalance(...).equations(system)` or another method.
+        From `HarmonicBalance(...).equations(system)` or another method. Those of `hbbogie.exact.Exact` are solved at
+        given parameter values only.
     guess : Orbit
         Where the search begins. Its parameter values are not used, except that of ``free``. The cycle has its level of
         what the equations conserve.
@@ -145,6 +146,13 @@ def solve(
     >>> round(solve(balance, guess, free=["mu"], minimise=lambda cycle: cycle.parameter("mu")).value, 6)
     -0.25
     """
+    if not isinstance(equations, Equations):
+        if free is not None or amplitude is not None or minimise is not None or subject_to or method != "auto":
+            raise ModelError(
+                "solve: equations in closed form are solved at given parameter values; leave free=, amplitude=, "
+                "minimise=, subject_to= and method= out, or take HarmonicBalance(...).equations(system)."
+            )
+        return equations.solve(guess, **fixed)
     equations = within_level(equations.phased(guess), guess)
     if minimise is not None:
         if amplitude is not None or free is None or method != "auto":

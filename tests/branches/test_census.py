@@ -53,9 +53,13 @@ class TestWhatIsFound:
 
     def test_motions_with_contact_come_back(self):
         """Where the flange is met, a motion between samples is no straight line; it settles on the larger cycle."""
-        found = hb.find_cycles(hb.load_problem("yang1995").bogie(), V=90.0)
+        bogie = hb.load_problem("yang1995").bogie()
+        found = hb.find_cycles(bogie, V=90.0)
         assert [o.stability.verdict for o in found] == ["unstable", "stable"]
         assert any("came to a cycle found already" in sentence for sentence in found.evidence)
+        assert any("was followed in closed form" in sentence for sentence in found.evidence)
+        for cycle in found:  # two methods agree
+            assert hb.verify(bogie, cycle).orbit.omega == pytest.approx(cycle.omega, rel=1e-9)
 
     def test_a_cycle_run_through_several_times_is_one(self):
         """Three periods of x = cos t + sin 2 t."""
