@@ -70,7 +70,6 @@ class Census:
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
         self.failures = 0
-        self.undecided: list[str] = []
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
         self.evidence += [f"{at}: {e.text(system.coordinate_names)}" for e in self.equilibria]
@@ -165,7 +164,8 @@ class Census:
                 return "came to rest"
             elif met.kind == "unbounded":
                 return "left every bound"
-        self.undecided.append(f"a motion from {where} has neither settled nor come back to itself")
+        said = f"a motion from {where} has neither settled nor come back to itself"
+        self.evidence += [said] if said not in self.evidence else []
         return "undecided"
 
     def consider(self, orbit: Orbit, origin: str, *, near: bool = False) -> bool:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.criticality import onset
 from hbbogie.errors import ModelError
 from hbbogie.exact.bifurcations import TURNS, multiplier_crossings
 from hbbogie.exact.closing import Closing
@@ -55,7 +56,11 @@ def exact_trace(
     origin = equations.at(special.orbit if special is not None else start, parameter)  # type: ignore[arg-type]
     if special is not None and special.kind == "hopf":
         special = replace(special, orbit=origin)
-        return exact_branch(exact_walk(equations.system, special, interval, most), special, equations.harmonics)
+        walk = exact_walk(equations.system, special, interval, most)
+        there = equations.system.with_parameters(**{parameter: special.value})
+        return exact_branch(
+            walk, onset(special, there, [point.value for point in walk.points[:2]]), equations.harmonics
+        )
     low, high = interval
     if not low <= origin.parameters[parameter] <= high:
         raise ModelError(

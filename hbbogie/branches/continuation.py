@@ -119,12 +119,7 @@ def trace(
             f"trace: the start has {parameter} = {p[place]:g}, outside the interval ({lo:g}, {hi:g}); widen it."
         )
     curve = CycleCurve(equations, parameter, (lo, hi), p, tolerance, families)
-    if special is not None and special.onward is not None:
-        first, both = first_beyond(curve, special)
-    elif special is not None and from_hopf:
-        first, both = _first_point(curve, first_cycle(equations, special), equations, growing=True), False
-    else:
-        first, both = _first_point(curve, origin, equations, growing=False), True
+    first, both = _begin(curve, start)
     # a fold may follow closely where a gap first closes
     begin = step * CAREFUL if from_hopf else step
 
@@ -146,10 +141,22 @@ def trace(
         del points[place]  # its neighbours enclose it, and it is located anew
     judge = stability and any(abs(point.tangent[-1]) >= VERTICAL for point in points)
     if special is not None and from_hopf and judge:
-        special = onset(special, equations.system.with_parameters(**{parameter: special.value}), points)
+        values = [float(point.u[-1]) for point in points[:2]]
+        special = onset(special, equations.system.with_parameters(**{parameter: special.value}), values)
     known = {place: special} if special is not None and begins and judge else {}
     orbits, met = special_points(curve, points, judge=judge, known=known)
     return Branch(tuple(orbits), parameter, met, (_said(beginning), _said(end)))
+
+
+def _begin(curve: CycleCurve, start: Orbit | SpecialPoint) -> tuple[Point, bool]:
+    """Return the first point, and whether the branch goes on to both sides of it."""
+    if isinstance(start, Orbit):
+        return _first_point(curve, start, curve.equations, growing=False), True
+    if start.onward is not None:
+        return first_beyond(curve, start)
+    if start.kind == "hopf":
+        return _first_point(curve, first_cycle(curve.equations, start), curve.equations, growing=True), False
+    return _first_point(curve, start.orbit, curve.equations, growing=False), True
 
 
 def _said(end: Ending) -> Ending:

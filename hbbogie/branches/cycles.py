@@ -105,14 +105,9 @@ def find_cycles(
     census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
     census.follow_branches()
     census.simulate()
-    found, undecided = census.found, census.undecided
-    if not found:
-        found, undecided = _longer(census)
+    found, undecided = (census.found, "") if census.found else _longer(census)
     if not found and undecided:
-        raise ConvergenceError(
-            f"whether {system.name!r} has a cycle at {name} = {census.value:g} is undecided: {undecided[0]}",
-            statistics={"evidence": tuple(census.evidence)},
-        )
+        raise ConvergenceError(undecided, statistics={"evidence": tuple(census.evidence)})
     if not found:
         census.say_none()
     if harmonics == "auto":
@@ -122,7 +117,7 @@ def find_cycles(
     return Cycles([o if stability else o.replace(stability=None) for o in judged], census.evidence)
 
 
-def _longer(census: Census) -> tuple[list[Orbit], list[str]]:
+def _longer(census: Census) -> tuple[list[Orbit], str]:
     """Let motions settle for as long as it takes, forwards and backwards in time; return cycles and what is open."""
     system, name = census.system, census.parameter
     for H in ORDERS:
@@ -132,16 +127,16 @@ def _longer(census: Census) -> tuple[list[Orbit], list[str]]:
             if error.statistics.get("unresolved", True) and ORDERS[-1] != H:
                 continue
             if error.orbit is not None and (polished := census.polished(error.orbit)) is not None:
-                return [polished], []
+                return [polished], ""
             census.evidence.append(f"motions of up to the longest time: {error}")
-            return [], [str(error)]
+            return [], str(error)
         if not all(_isolated(HarmonicBalance(H).equations(system), cycle) for cycle in settled):
             raise ModelError(_family(name, census.value))
         for cycle in settled:
             census.consider(cycle, "a motion that settles")
         census.evidence.append(f"motions of up to the longest time settle on {len(settled)} cycle(s)")
-        return census.found, []
-    return [], []
+        return census.found, ""
+    return [], ""
 
 
 def _balanced(census: Census, found: list[Orbit], H: int, stability: bool) -> list[Orbit]:

@@ -20,6 +20,7 @@ from hbbogie.once import Once
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
+LOPSIDED = 0.01  # mean and even harmonics, relative to the largest coefficient, beyond which an orbit is not odd
 RESTING = 1e-6  # share of the largest first harmonic up to which a coordinate does not set the phase
 
 
@@ -68,6 +69,8 @@ class Equations:
         Coordinates whose first harmonic is among the unknowns: the place in z of its cosine coefficient.
     with_phase : callable or None
         (name of a coordinate, system) -> the equations with the phase set by that one; None where it was chosen.
+    with_even : callable or None
+        system -> the equations that keep the even harmonics, too; None where these do, or odd ones were asked for.
     once : Once
         What is built once for these functions, shared by all equations that have them.
     """
@@ -90,6 +93,7 @@ class Equations:
     phase: int | None
     cosines: dict[int, int]
     with_phase: Callable[[str, System], Equations] | None = None
+    with_even: Callable[[System], Equations] | None = None
     once: Once = field(default_factory=Once, repr=False)
 
     @property
@@ -103,9 +107,17 @@ class Equations:
         return None if self.phase is None else self.cosines[self.phase]
 
     def phased(self, orbit: Orbit) -> Equations:
-        """Return the equations with the phase set by a coordinate that moves in an orbit; these where theirs moves."""
+        """Return the equations that suit an orbit; these where they do.
+
+        The phase is set by a coordinate that moves in it. An odd system may have cycles that are not odd, as about an
+        equilibrium away from zero: for them the even harmonics are kept, unless odd ones were asked for.
+        """
         names = self.system.coordinate_names
-        if self.phase is None or self.with_phase is None or orbit.H == 0 or orbit.coordinates != names:
+        if self.phase is None or orbit.H == 0 or orbit.coordinates != names:
+            return self
+        if self.with_even is not None and not fourier.is_odd(orbit.coefficients, LOPSIDED):
+            return self.with_even(self.system).phased(orbit)
+        if self.with_phase is None:
             return self
         sizes = np.hypot(*orbit.coefficients[1:3])
         largest = max(self.cosines, key=lambda i: float(sizes[i]))

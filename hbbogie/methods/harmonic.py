@@ -103,7 +103,9 @@ class HarmonicBalance:
         kept = self.kept(system)
         assembly = system.once((self, kept), lambda: Assembly(self.layout(system, kept), system))
         found = make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
-        return found if self.phase else replace(found, with_phase=partial(_with_phase, self))
+        with_even = replace(self, odd=False).equations if self.odd is None and 0 not in kept else None
+        with_phase = None if self.phase else partial(_with_phase, self)
+        return replace(found, with_phase=with_phase, with_even=with_even)
 
 
 def _with_phase(method: HarmonicBalance, name: str, system: System) -> Equations:

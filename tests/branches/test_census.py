@@ -51,6 +51,18 @@ class TestWhatIsFound:
         assert [o.amplitude("x") for o in found] == pytest.approx(radii, rel=1e-6)
         assert [o.stability.verdict for o in found] == ["stable", "unstable"]
 
+    def test_odd_system_about_two_wells(self):
+        """Takens and Bogdanov with symmetry: the wells at +-1 lose their stability at m = 1, subcritically."""
+        x, m = C("x"), P("m", 0.97)
+        system = hb.System("wells", [x], [m], [x.ddot - (m - x**2) * x.dot - x + x**3])
+        points = hb.hopf_points(system, "m", (0.9, 1.1))
+        assert [s.value for s in points] == pytest.approx([1.0, 1.0], abs=1e-11)
+        found = hb.find_cycles(system, m=0.97, interval=(0.9, 1.1))
+        small = [o for o in found if o.coefficients[0, 0] ** 2 > 0.01]
+        assert [np.sign(o.coefficients[0, 0]) for o in small] in ([1, -1], [-1, 1])
+        assert {o.stability.verdict for o in small} == {"unstable"}
+        assert small[0].omega == pytest.approx(small[1].omega, rel=1e-9)
+
     def test_motions_with_contact_come_back(self):
         """Where the flange is met, a motion between samples is no straight line; it settles on the larger cycle."""
         bogie = hb.load_problem("yang1995").bogie()

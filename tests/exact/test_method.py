@@ -72,7 +72,9 @@ class TestChua:
         (hopf, _) = hb.hopf_points(system, "alpha", (6.0, 8.5))
         branch = hb.trace(hb.HarmonicBalance(31).equations(system), hopf, "alpha", (6.0, 8.5))
         near, exact = ([s.value for s in b.special if s.kind == "period doubling"] for b in (branch, one))
-        assert near == pytest.approx(exact, rel=1e-4)
+        assert near == pytest.approx(exact, rel=1e-6)
+        for b in (branch, one):  # alpha rises along the branch, where the equilibrium has lost its stability
+            assert next(s for s in b.special if s.kind == "hopf").criticality == "supercritical"
 
 
 class TestErrors:
