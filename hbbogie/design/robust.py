@@ -213,7 +213,7 @@ class RobustValue:
             a = row.gradient[uncertain] * p
             H = np.zeros((len(a), len(system.parameters)))
             H[:, columns] = row.hessian(names)[[names.index(n) for n in self.uncertainty.factors]] * p[:, None]
-            H[np.arange(len(a)), uncertain] += row.gradient[uncertain]  # in a_j = dV/dp_j p_j, both factors depend on p_j
+            H[np.arange(len(a)), uncertain] += row.gradient[uncertain]  # both factors of dV/dp_j p_j depend on p_j
             sigma = float(np.linalg.norm(T.T @ a))
             slope = (T @ (T.T @ a)) @ H / sigma if sigma else np.zeros(H.shape[1])
             rows.append(
