@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import simulate
@@ -57,6 +58,8 @@ class Attraction:
     scatter: float
     disturbance: float
     status: str
+
+    __repr__ = brief
 
 
 def measure_attraction(

@@ -14,6 +14,7 @@ import numpy as np
 from hbbogie.branches.closed_form import exact_branch, exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
+from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.exact.model import switched_linear
@@ -51,6 +52,8 @@ class TracedBranch:
     building: float
     tracing: float
     cycles: Callable[[float], Iterator[tuple[int, Orbit]]]
+
+    __repr__ = brief
 
     @property
     def fold(self) -> float | None:
@@ -106,6 +109,8 @@ class Compared:
     orbits: dict[str, Orbit | None]
     seconds: dict[str, float]
 
+    __repr__ = brief
+
     def error(self, method: str, quantity: Callable[[Orbit], float]) -> float | None:
         """Return the relative error of a quantity [%]; None where the method has no cycle."""
         orbit = self.orbits[method]
@@ -134,6 +139,8 @@ class Comparison:
     methods: dict[str, TracedBranch]
     truth: str
     rows: tuple[Compared, ...]
+
+    __repr__ = brief
 
     @property
     def approximations(self) -> tuple[str, ...]:

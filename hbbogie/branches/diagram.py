@@ -13,6 +13,7 @@ from hbbogie.branches.crossing import crossings
 from hbbogie.branches.cycles import ORDERS, find_cycles
 from hbbogie.branches.judging import estimate, judged, stability_of
 from hbbogie.branches.simulated import distinct, settled_cycles
+from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
@@ -55,6 +56,8 @@ class Diagram:
     families: dict[str, Branch]
     cycles: list[Orbit]
     notes: tuple[str, ...]
+
+    __repr__ = brief
 
 
 def bifurcation_diagram(

@@ -100,6 +100,7 @@ def _random_cycle(equations: Equations, parameter: str, value: float, random: np
     return Orbit(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=units,
         coefficients=c,
         omega=float(eigenvalues[0].imag),

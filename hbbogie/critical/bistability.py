@@ -9,6 +9,7 @@ import numpy as np
 
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
+from hbbogie.brief import brief
 from hbbogie.critical.folds import Critical
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
@@ -39,6 +40,8 @@ class Coexistence:
     parameter: str
     interval: tuple[float, float]
     thresholds: tuple[Orbit, ...]
+
+    __repr__ = brief
 
 
 def coexistence(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.exact.critical import critical_values
 from hbbogie.model.ranges import default_reach
@@ -50,6 +51,8 @@ class CriticalDesigns:
     hopf_gradient: dict[str, Array]
     failed: NDArray[np.bool_]
     status: tuple[str, ...]
+
+    __repr__ = brief
 
     @property
     def critical(self) -> Array:

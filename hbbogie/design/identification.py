@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.first_cycle import first_cycle
+from hbbogie.brief import brief
 from hbbogie.design.misfit import IGNORED, Measured, Misfit, Parametrisation
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
@@ -70,6 +71,8 @@ class Identification:
     freedom: int
     orbits: tuple[Orbit, ...]
     status: str
+
+    __repr__ = brief
 
 
 def identify(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbbogie.brief import brief
 from hbbogie.design.criteria import Limit, Quantity
 from hbbogie.design.minimax import Minimum
 from hbbogie.design.point import DesignPoint
@@ -42,6 +43,8 @@ class Active:
     unit: str
     side: str
     multiplier: float
+
+    __repr__ = brief
 
     @property
     def per_percent(self) -> float:
@@ -115,6 +118,8 @@ class Design:
     status: str
     history: list[tuple[float, float]]
     starts: tuple[Start, ...]
+
+    __repr__ = brief
 
     @property
     def system(self) -> System:

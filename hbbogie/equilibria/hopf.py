@@ -89,7 +89,18 @@ def orbit_at(rest: Rest, value: float, coefficients: Array, omega: float, status
     system = rest.system
     units = tuple(c.unit for c in system.coordinates)
     values = dict(zip(system.parameter_names, map(float, rest.vector(value)), strict=True))
-    return Orbit(system.name, system.coordinate_names, units, coefficients, omega, values, "linearisation", 0.0, status)
+    return Orbit(
+        system.name,
+        system.coordinate_names,
+        units,
+        coefficients,
+        omega,
+        values,
+        "linearisation",
+        0.0,
+        status,
+        naming=system.naming,
+    )
 
 
 def branch_evidence(rest: Rest, branch: RestBranch, found: Crossings) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.brief import lines
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.once import Once
@@ -80,6 +81,15 @@ class Equations:
     with_phase: Callable[[str, System], Equations] | None = None
     once: Once = field(default_factory=Once, repr=False)
 
+    def __repr__(self) -> str:
+        names, p = self.system.coordinate_names, self.system.values
+        phase = "no phase: equilibria" if self.phase is None else f"phase set by {names[self.phase]}"
+        return lines(
+            f"Equations of {self.system.name} by {self.method}",
+            f"{self.size} unknowns: {', '.join(self.unknowns[:6])}{' ...' * (self.size > 6)}; {phase}",
+            f"at {self.system.naming.values(p)}" if p else "",
+        )
+
     @property
     def size(self) -> int:
         """Number of unknowns, and of equations."""
@@ -130,6 +140,7 @@ class Equations:
         return Orbit(
             system=system.name,
             coordinates=system.coordinate_names,
+            naming=system.naming,
             units=tuple(c.unit for c in system.coordinates),
             coefficients=np.asarray(self.coefficients(z, p).full()),
             omega=float(self.frequency(z)),

@@ -32,6 +32,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+from hbbogie.brief import lines
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
@@ -89,6 +90,7 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
     _forget(name)
     loader = _Source(name, str(path))
     module = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, loader))  # type: ignore[arg-type]
+    module.__class__ = Problem
     module.__dict__["__source_hash__"] = digest
     for folder in getattr(module, "__path__", ()):
         sys.path_importer_cache[folder] = FileFinder(folder, (_Source, [".py"]))
@@ -102,6 +104,24 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
         _forget(name)
         raise
     return module
+
+
+class Problem(ModuleType):
+    """A problem's module, which says what it holds, and pickles by its file."""
+
+    def __repr__(self) -> str:
+        first = (self.__doc__ or "no description").strip().partition("\n")[0]
+        builder, own, span = (getattr(self, name, None) for name in ("SYSTEM", "PARAMETER", "RANGE"))
+        over = f"parameter {own}" + (f" from {span[0]:g} to {span[1]:g}" if own and span else "")
+        path = Path(str(self.__file__))
+        return lines(
+            f"Problem {(path.parent if path.stem == '__init__' else path).stem!r}: {first}",
+            f"system from .{getattr(builder, '__name__', 'SYSTEM')}(...)" if builder else "no SYSTEM",
+            over if own else "",
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return load_problem, (self.__file__,)
 
 
 class _Source(SourceFileLoader):

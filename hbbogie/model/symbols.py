@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from keyword import iskeyword
+from textwrap import shorten
 from typing import Any
 
 import casadi as ca
@@ -139,6 +140,15 @@ def _range(kind: str, name: str, bounds: Any) -> tuple[float, float]:
     return low, high
 
 
+def _described(symbol: Coordinate | Parameter, value: str = "") -> str:
+    """Return name, value, unit, description and bounds of a symbol."""
+    low, high = symbol.bounds
+    limits = f" ({low:g} to {high:g})" if np.isfinite([low, high]).any() else ""
+    meaning = f": {shorten(symbol.description, 200, placeholder=' ...')}" if symbol.description else ""
+    unit = f" {symbol.unit}" if value else f" [{symbol.unit}]"
+    return f"{symbol.name}{value}{unit if symbol.unit else ''}{meaning}{limits}"
+
+
 class Coordinate(Expression):
     """A coordinate; an expression in the equations, with ``.dot`` and ``.ddot`` as time derivatives.
 
@@ -172,6 +182,9 @@ class Coordinate(Expression):
         self.name, self.unit, self.description = name, unit, description
         self.bounds = _range("coordinate", name, bounds)
         self.dot, self.ddot = (Expression(ca.SX.sym(s)) for s in (f"d({name})/dt", f"d2({name})/dt2"))
+
+    def __repr__(self) -> str:
+        return f"Coordinate {_described(self)}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Coordinate, (self.name, self.unit, self.description, self.bounds)
@@ -212,6 +225,9 @@ class Parameter(Expression):
         if not np.isfinite(self.default):
             raise ModelError(f"parameter {name!r}: got {default!r} as default; give a finite number.")
         self.bounds = _range("parameter", name, bounds)
+
+    def __repr__(self) -> str:
+        return f"Parameter {_described(self, f' = {self.default:g}')}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Parameter, (self.name, self.default, self.unit, self.description, self.bounds)

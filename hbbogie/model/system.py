@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hbbogie.brief import lines
 from hbbogie.errors import ModelError, as_number, unknown_name
 from hbbogie.model.derivatives import state_matrix_at
 from hbbogie.model.dynamics import Dynamics, equations_of_motion
@@ -19,9 +20,12 @@ from hbbogie.model.parts import Parts, is_odd, split
 from hbbogie.model.ramps import Scalar
 from hbbogie.model.symbols import Coordinate, Parameter
 from hbbogie.model.values import Values
+from hbbogie.results.naming import Naming
+from hbbogie.results.pictures import page
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+SHOWN = 8  # names shown at most
 
 
 class System:
@@ -220,6 +224,11 @@ class System:
         return tuple(c.name for c in self.coordinates)
 
     @property
+    def naming(self) -> Naming:
+        """Units and descriptions of coordinates and parameters."""
+        return self._dynamics.naming
+
+    @property
     def n(self) -> int:
         """Number of coordinates."""
         return self._dynamics.n
@@ -307,10 +316,20 @@ class System:
         return tuple(name for i, name in enumerate(self.parameter_names) if i not in used)
 
     def __repr__(self) -> str:
-        return (
-            f"System({self.name!r}: {self.n} coordinates ({', '.join(self.coordinate_names)}), "
-            f"{len(self.parameters)} parameters, {len(self.elements)} elements)"
+        orders = f"{sum(self.second_order)} of second order" if any(self.second_order) else "of first order"
+        names = ", ".join(self.coordinate_names[:SHOWN]) + (" ..." if self.n > SHOWN else "")
+        attached = ", ".join(f"{e.name} ({e.law})" for e in self.elements[:SHOWN])
+        return lines(
+            f"System {self.name!r}" + (f": {self.description}" if self.description else ""),
+            f"{self.n} coordinates, {orders}: {names}",
+            f"{len(self.parameters)} parameters: {self.naming.values(self.values, SHOWN)}" if self.parameters else "",
+            f"{len(self.elements)} elements: {attached}" if self.elements else "",
         )
+
+    def _repr_html_(self) -> str:
+        named = [(c.name, c.description, "", c.unit) for c in self.coordinates]
+        named += [(p.name, p.description, f"{self.values[p.name]:.6g}", p.unit) for p in self.parameters]
+        return page(repr(self), [("name", "what it is", "value", "unit"), *named])
 
 
 def _checked(parameter: Parameter, value: Any) -> float:

@@ -105,6 +105,7 @@ def simulate(
     return Trajectory(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
         t=np.asarray(start + h * np.arange(count + 1), dtype=float),
         q=states[:, : system.n].copy(),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import Initial, default_step, simulate
@@ -41,6 +42,8 @@ class Settled:
     amplitudes: dict[str, float]
     trajectory: Trajectory
     status: str
+
+    __repr__ = brief
 
 
 def settle(
@@ -239,6 +242,7 @@ def last_orbit(system: System, trajectory: Trajectory, H: int, coordinate: str |
     return Orbit(
         system=system.name,
         coordinates=trajectory.coordinates,
+        naming=trajectory.naming,
         units=trajectory.units,
         coefficients=fourier.shift(c, float(np.arctan2(sine, cosine))),
         omega=2 * np.pi / T,

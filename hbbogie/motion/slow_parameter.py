@@ -93,6 +93,7 @@ def simulate_ramp(
     return Trajectory(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
         t=np.asarray(h * np.arange(count + 1), dtype=float),
         q=states[:, : system.n].copy(),

@@ -76,7 +76,7 @@ def branch(
 
     _over_parameter(ax, many, height, labels, special, hopf_at_zero=True)
     _draw_points(ax, [(label, u, factor * w, marker) for label, u, w, marker in points], len(many))
-    ax.set_xlabel(parameter_label or many[0].parameter)
+    ax.set_xlabel(parameter_label or many[0].label)
     ax.set_ylabel(f"{quantity} of {name} [{unit}]")
     if ax.dataLim.y0 > 0:
         ax.set_ylim(0, 1.04 * ax.dataLim.y1)
@@ -109,7 +109,7 @@ def frequency(
     right = ax.secondary_yaxis("right", functions=hertz)
     right.set_ylabel("frequency [Hz]")
     right.tick_params(colors=INK, labelsize=9, length=3)
-    ax.set_xlabel(parameter_label or many[0].parameter)
+    ax.set_xlabel(parameter_label or many[0].label)
     ax.set_ylabel("frequency omega [rad/s]")
     return legend(ax)
 
@@ -145,7 +145,7 @@ def multipliers(cycles: Branch | Orbit, ax: Axes | None = None, parameter_label:
         z = np.concatenate([mu for _, mu in pairs])
         p = np.concatenate([np.full(len(mu), v) for v, mu in pairs])
         shown = ax.scatter(z.real, z.imag, c=p, s=18, cmap="viridis", ec="#00000060", lw=0.3, zorder=4)
-        bar = figure_of(ax).colorbar(shown, ax=ax, label=parameter_label or cycles.parameter, shrink=0.8)
+        bar = figure_of(ax).colorbar(shown, ax=ax, label=parameter_label or cycles.label, shrink=0.8)
         bar.ax.tick_params(colors=INK, labelsize=9, length=3)
         bar.outline.set_visible(False)  # type: ignore[operator]
     ax.set_aspect("equal", adjustable="datalim")
@@ -189,7 +189,7 @@ def multipliers_along(
         ax.set_yscale("log")
     else:
         ax.set_ylim(bottom=0)
-    ax.set_xlabel(parameter_label or cycles.parameter)
+    ax.set_xlabel(parameter_label or cycles.label)
     ax.set_ylabel("modulus of the multipliers [1]")
     return legend(ax)
 

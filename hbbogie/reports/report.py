@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.figures import Figures
@@ -42,6 +43,8 @@ class Report:
     notes: tuple[str, ...] = ()
     data: dict[str, Any] = field(default_factory=dict)
     long_tables: tuple[Table, ...] = ()
+
+    __repr__ = brief
 
     def write(self, directory: str | Path, progress: Progress = silent) -> list[Path]:
         """Write branches as NetCDF, tables as CSV and figures as PNG; return the files written.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
@@ -48,6 +49,8 @@ class HillStability:
     health: dict[str, float]
     unstable: int
     reason: str
+
+    __repr__ = brief
 
 
 def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, tolerance: float = 1e-2) -> HillStability:

@@ -9,6 +9,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, positive
 from hbbogie.model.conserved import conserved_quantities, state_names
 from hbbogie.model.system import System
@@ -21,7 +22,6 @@ from hbbogie.stability.transitions import product
 from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
-
 EITHER_SIDE = 1e-8  # rad; a contact is tested so far before and after its time
 ATTEMPTS = 5  # orders of contacts tried
 SAMPLES = 16  # intervals of an element in which contacts and peaks are looked for
@@ -37,8 +37,7 @@ class Verification:
     Attributes
     ----------
     orbit : Orbit
-        The polished cycle, in phase with the given one, with its multipliers and verdict. Its frequency is as good as
-        ``closure``; its Fourier series is cut off (see ``orbit.tail``).
+        The polished cycle, in phase with the given one; frequency as good as ``closure``, series cut off (``tail``).
     amplitudes : dict of float, unit of the coordinate
         Its peaks, not cut off.
     omega_error : float, rad/s
@@ -50,8 +49,7 @@ class Verification:
     defect : float
         Largest residual of the equations along the given waveform, relative to the largest of their linear terms.
     closure : float
-        Largest jump of a state, relative to its size, where the elements of the polished motion meet, when
-        each is integrated again in two halves.
+        Largest jump of a state, relative to its size, between the elements, each integrated again in two halves.
     trivial_error : float
         Distance of the nearest multiplier from 1.
     isolated : bool
@@ -70,6 +68,8 @@ class Verification:
     trivial_error: float
     isolated: bool
     status: str
+
+    __repr__ = brief
 
     @property
     def multipliers(self) -> NDArray[np.complex128]:

@@ -17,6 +17,7 @@ from typing import Any, SupportsFloat
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.studies.distributions import distribution
@@ -49,6 +50,8 @@ class Points:
     kind: str
     seed: int | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not self.names or len(self.values) == 0:

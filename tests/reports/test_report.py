@@ -9,7 +9,7 @@ import pytest
 from hbbogie import Branch, ModelError, Orbit, load_problem
 from hbbogie.branches import bifurcation_diagram, stability_of
 from hbbogie.model import default_interval, system_of
-from hbbogie.reports import Report, Table, check_directory, cycles_table, largest_multiplier, plain, run_of
+from hbbogie.reports import Report, Table, check_directory, cycles_table, plain, run_of
 from hbbogie.results import Stability
 
 matplotlib.use("Agg")
@@ -82,7 +82,7 @@ def test_numbers_are_never_cut_in_a_narrow_terminal(capsys):
 )
 def test_largest_multiplier_leaves_the_trivial_one_out(multipliers, largest):
     s = Stability("stable", np.array(multipliers, complex), 0.0, 0, "")
-    assert largest_multiplier(orbit(stability=s)) == largest
+    assert orbit(stability=s).largest_multiplier == largest
 
 
 def test_cycles_table():
