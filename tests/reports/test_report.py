@@ -65,15 +65,33 @@ def test_plain_values_for_json():
 
 
 def test_numbers_are_never_cut_in_a_narrow_terminal(capsys):
+    """A table that is too wide is printed in parts, each with the first column, in lines that fit."""
     from rich.console import Console
 
     from hbbogie.commandline import print_table
 
-    columns = tuple(f"quantity {i} [m/s]" for i in range(12))
+    columns = ("state", *(f"quantity {i} [m/s]" for i in range(12)))
     for rows in (2, 9):
-        print_table(Table("t", "T", columns, ((-1234.5678,) * 12,) * rows, (".4f",) * 12), Console(width=40))
+        table = Table("t", "T", columns, ((77777, *[-1234.5678] * 12),) * rows, ("d", *[".4f"] * 12))
+        print_table(table, Console(width=40))
         text = capsys.readouterr().out
         assert text.count("-1234.5678") == 12 * rows and "…" not in text and "[m/s]" in text
+        assert max(map(len, text.splitlines())) <= 40
+        if rows == 9:
+            parts = text.count("state")
+            assert parts > 1 and text.count("77777") == parts * rows
+
+
+def test_a_table_in_parts_keeps_subjects_together(capsys):
+    from rich.console import Console
+
+    from hbbogie.commandline import print_table
+
+    columns = ("state", *(f"{subject} {kind}" for subject in ("omega", "a1", "a2") for kind in ("printed", "computed")))
+    print_table(Table("t", "T", columns, ((1, *[123456.789] * 6),) * 9, ("d", *[".3f"] * 6)), Console(width=45))
+    heads = [line.split() for line in capsys.readouterr().out.splitlines() if "." not in line]
+    assert sum("state" in head for head in heads) == 3
+    assert not any(head.count("omega") == 1 or head.count("a1") == 1 or head.count("a2") == 1 for head in heads)
 
 
 @pytest.mark.parametrize(
