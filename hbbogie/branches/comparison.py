@@ -16,7 +16,7 @@ from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door, several
 from hbbogie.exact.model import switched_linear
 from hbbogie.methods.describing_balance import DescribingFunction
 from hbbogie.methods.equations import Equations
@@ -172,7 +172,8 @@ def method_named(name: str) -> HarmonicBalance | DescribingFunction:
 
 def check_methods(names: Iterable[str]) -> list[str]:
     """Return the names of methods in small letters, each once; raise `ModelError` where one is unknown."""
-    chosen = list(dict.fromkeys(name.strip().casefold() for name in names))
+    given = several("methods, such as ['df1', 'mhb15']", names, str)
+    chosen = list(dict.fromkeys(name.strip().casefold() for name in given))
     for name in chosen:
         if name != EXACT:
             method_named(name)
@@ -199,6 +200,7 @@ def trace_by_method(system: System, name: str, hopf: SpecialPoint, interval: tup
     return TracedBranch(name, branch, built - start, tracing, partial(_cycles, equations, branch))
 
 
+@door(system=System, parameter=str, values=(list, tuple, np.ndarray))
 def compare(
     system: System,
     methods: Sequence[str] = DEFAULT_METHODS,

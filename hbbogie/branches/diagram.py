@@ -15,7 +15,7 @@ from hbbogie.branches.judging import estimate, judged, stability_of
 from hbbogie.branches.simulated import distinct, settled_cycles
 from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
@@ -60,6 +60,7 @@ class Diagram:
     __repr__ = brief
 
 
+@door(system=System, parameter=str)
 def bifurcation_diagram(
     system: System,
     parameter: str,

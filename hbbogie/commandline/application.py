@@ -10,6 +10,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
+
+from hbbogie.errors import ModelError
 
 if TYPE_CHECKING:
     from hbbogie.model.system import System
@@ -52,6 +55,19 @@ ParameterName = Annotated[
 ]
 
 
+class Strict(TyperCommand):
+    """A command that refuses an option given twice where only the last would count."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments."""
+        given = [word.partition("=")[0] for word in args]
+        for option in self.params:
+            single = not getattr(option, "multiple", False) and not getattr(option, "is_flag", False)
+            if single and (twice := [name for name in option.opts if name.startswith("-") and given.count(name) > 1]):
+                raise ModelError(f"{twice[0]} is given twice; leave one out.")
+        return super().parse_args(ctx, args)
+
+
 def examples(*lines: str) -> str:
     """Return the text below the help of a command."""
     return "\n\n".join(["Examples:", *lines])
@@ -67,7 +83,7 @@ def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., No
 
             guarded(function, args, kwargs)
 
-        return group.command(epilog=examples(*lines))(run)
+        return group.command(epilog=examples(*lines), cls=Strict)(run)
 
     return register
 

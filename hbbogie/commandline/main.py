@@ -213,6 +213,9 @@ def main() -> None:
         code = app(prog_name="hbbogie", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
+    except ModelError as error:
+        print_error(str(error), "--json" in sys.argv, "UsageError")
+        sys.exit(WRONG_INPUT)
     except Exception as error:
         if not hasattr(error, "format_message"):  # not one of wrong usage
             raise

@@ -13,6 +13,7 @@ from hbbogie.brief import brief
 from hbbogie.critical.folds import Critical
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
+from hbbogie.errors import door
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import default_reach
@@ -44,6 +45,7 @@ class Coexistence:
     __repr__ = brief
 
 
+@door(system=System)
 def coexistence(
     system: System, critical: Sequence[Critical], *, points: int = 7, harmonics: int = 15
 ) -> list[Coexistence]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.brief import brief
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.exact.critical import critical_values
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
@@ -60,6 +60,7 @@ class CriticalDesigns:
         return np.where(self.failed, np.nan, np.fmin(self.fold, self.hopf))
 
 
+@door(system=System, points=Mapping, parameter=str)
 def critical_speeds_of(
     system: System,
     points: Mapping[str, ArrayLike],

@@ -17,7 +17,7 @@ from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.brief import brief
 from hbbogie.design.misfit import IGNORED, Measured, Misfit, Parametrisation
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
@@ -75,6 +75,7 @@ class Identification:
     __repr__ = brief
 
 
+@door(equations=Equations, rows=Sequence, sigma=Mapping)
 def identify(
     equations: Equations,
     rows: Sequence[Mapping[str, float | None]],

@@ -12,7 +12,7 @@ from hbbogie.design.criteria import Limit, Quantity
 from hbbogie.design.minimax import Minimum
 from hbbogie.design.point import DesignPoint
 from hbbogie.design.task import DesignTask
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results.failure import FAILURES, ConvergenceError
@@ -132,6 +132,7 @@ class Design:
         return {name: self.system.values[name] for name in self.over}
 
 
+@door(system=System, raise_=str, over=Mapping)
 def optimise(
     system: System,
     *,

@@ -9,6 +9,7 @@ from hbbogie.equilibria.census import Start, census
 from hbbogie.equilibria.crossings import Crossing, Crossings, crossings
 from hbbogie.equilibria.curve import RestBranch
 from hbbogie.equilibria.rest import Rest
+from hbbogie.errors import door
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import HopfPoints, Orbit, SpecialPoint
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 ZERO = 1e-12  # share of the interval up to which a value is zero
 
 
+@door(system=System, parameter=str)
 def hopf_points(
     system: System, parameter: str, interval: tuple[float, float], *, start: Start | None = None
 ) -> HopfPoints:

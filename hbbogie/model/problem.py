@@ -33,7 +33,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from hbbogie.brief import lines
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError, told, unknown_name
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 
@@ -181,6 +181,11 @@ def system_of(module: ModuleType, /, **overrides: Any) -> System:
 
 def _locate(name_or_path: str | os.PathLike[str]) -> Path:
     """Return the resolved path of the file of a problem, which is the ``__init__.py`` of one that is a folder."""
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise ModelError(
+            f"load_problem: got {told(name_or_path)}; give the name of a shipped problem, such as 'yang1995', "
+            "or the path of a .py file."
+        )
     text = os.fspath(name_or_path)
     if text.endswith(".py"):
         path = Path(text).expanduser()
@@ -242,9 +247,12 @@ def _keywords_of(builder: Any, overrides: dict[str, Any]) -> dict[str, Any]:
         parameters = inspect.signature(builder).parameters
     except (TypeError, ValueError):
         return overrides  # a builder without a readable signature: let the call speak
+    taken = [n for n, p in parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    for name in set(taken) & set(overrides):
+        if isinstance(parameters[name].default, bool) and overrides[name] not in (False, True):
+            raise ModelError(f"{name!r} is a switch: got {told(overrides[name])}; give true or false.")
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
         return overrides
-    taken = [n for n, p in parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     return {name: value for name, value in overrides.items() if name in taken}
 
 
@@ -256,7 +264,7 @@ def default_interval(
     Otherwise the system's first parameter, and twice its value (at least 1) to either side, in its bounds.
     """
     own = getattr(module, "PARAMETER", None)
-    name = parameter or own or next(iter(system.parameter_names), None)
+    name = own or next(iter(system.parameter_names), None) if parameter is None else parameter
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
     if name == own and hasattr(module, "RANGE"):

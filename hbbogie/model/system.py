@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.brief import lines
-from hbbogie.errors import ModelError, as_number, unknown_name
+from hbbogie.errors import ModelError, as_number, named, told
 from hbbogie.model.derivatives import state_matrix_at
 from hbbogie.model.dynamics import Dynamics, equations_of_motion
 from hbbogie.model.elements import AttachedLaw, Element
@@ -155,16 +155,13 @@ class System:
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name."""
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        raise ModelError(f"system {self.name!r}: {unknown_name('parameter', name, self.parameter_names)}")
+        own = named(f"system {self.name!r}", "parameter", name, self.parameter_names)
+        return self.parameters[self.parameter_names.index(own)]
 
     def index(self, coordinate: str) -> int:
         """Return the place of a coordinate, by its name."""
-        if coordinate not in self.coordinate_names:
-            raise ModelError(f"system {self.name!r}: {unknown_name('coordinate', coordinate, self.coordinate_names)}")
-        return self.coordinate_names.index(coordinate)
+        name = named(f"system {self.name!r}", "coordinate", coordinate, self.coordinate_names)
+        return self.coordinate_names.index(name)
 
     def with_parameters(self, /, **values: float) -> System:
         """Return the same system with other parameter values.
@@ -336,7 +333,7 @@ def _checked(parameter: Parameter, value: Any) -> float:
     """Return the value of a parameter; raise `ModelError` unless it is a finite number within the bounds."""
     (low, high), number = parameter.bounds, as_number(value)
     if not (isfinite(number) and low <= number <= high):
-        got = f"{number:g}" if number == number else repr(value)
+        got = f"{number:g}" if number == number else told(value)
         raise ModelError(
             f"parameter {parameter.name!r} ({parameter.description or 'no description'}): got {got} {parameter.unit}; "
             f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()

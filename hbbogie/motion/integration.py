@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError, positive, unknown_name
+from hbbogie.errors import ModelError, door, positive, unknown_name
 from hbbogie.model.dynamics import solved_rates, state_of
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Trajectory
@@ -27,6 +27,7 @@ BRIEF = 2000  # steps between two samples of a motion that is only looked at
 TOO_LARGE = 1e12  # a state beyond this has left every physical model
 
 
+@door(system=System)
 def simulate(
     system: System,
     initial: Initial,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.brief import brief
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import Initial, default_step, simulate
 from hbbogie.results import Orbit, Trajectory
@@ -46,6 +46,7 @@ class Settled:
     __repr__ = brief
 
 
+@door(system=System, coordinate=str)
 def settle(
     system: System,
     initial: Initial,

@@ -4,6 +4,7 @@ from .appearance import one_legend as one_legend
 from .appearance import panels as panels
 from .appearance import save as save
 from .appearance import style as style
+from .branches import QUANTITIES as QUANTITIES
 from .branches import branch as branch
 from .branches import frequency as frequency
 from .branches import multipliers as multipliers

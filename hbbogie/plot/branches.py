@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError, door, named, several
 from hbbogie.plot.appearance import (
     COLOURS,
     INK,
@@ -63,9 +63,7 @@ def branch(
     """
     many = _branches(branches)
     name, unit = coordinate_of(many[0].orbits[0], y)
-    if quantity not in QUANTITIES:
-        raise ModelError(unknown_name("quantity", quantity, QUANTITIES))
-    value = QUANTITIES[quantity]
+    value = QUANTITIES[named("branch", "quantity", quantity, QUANTITIES)]
     points = [(label, np.atleast_1d(u), np.atleast_1d(w), marker) for label, u, w, marker in published]
     ax = axes(ax)
     sizes = [*(value(b, name) for b in many), *(w for _, _, w, _ in points)]
@@ -115,6 +113,7 @@ def frequency(
 
 
 @styled
+@door(cycles=(Branch, Orbit))
 def multipliers(cycles: Branch | Orbit, ax: Axes | None = None, parameter_label: str | None = None) -> Axes:
     """Draw the Floquet multipliers in the complex plane with the unit circle.
 
@@ -157,6 +156,7 @@ def multipliers(cycles: Branch | Orbit, ax: Axes | None = None, parameter_label:
 
 
 @styled
+@door(cycles=Branch)
 def multipliers_along(
     cycles: Branch, ax: Axes | None = None, count: int = 3, parameter_label: str | None = None
 ) -> Axes:
@@ -198,8 +198,8 @@ def multipliers_along(
 
 
 def _branches(given: Branch | Sequence[Branch]) -> list[Branch]:
-    many = [given] if isinstance(given, Branch) else list(given)
-    if not many or not all(len(b) for b in many):
+    many = several("branches to draw", given, Branch)
+    if not all(len(b) for b in many):
         raise ModelError("nothing to draw: got no branch, or one without orbits; give at least one orbit.")
     return many
 

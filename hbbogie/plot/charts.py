@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from hbbogie.errors import door
 from hbbogie.plot.appearance import COLOURS, INK, axes, legend, styled
 from hbbogie.results import Chart, ChartPoint, CriticalCurve
 
@@ -30,6 +31,7 @@ COLUMNS = 800  # at which regions are compared
 
 
 @styled
+@door(found=Chart)
 def chart(found: Chart, ax: Axes | None = None) -> Axes:
     """Draw curves of folds and of Hopf points in the plane of two parameters.
 
@@ -65,6 +67,7 @@ def chart(found: Chart, ax: Axes | None = None) -> Axes:
 
 
 @styled
+@door(found=Chart)
 def coexistence_width(found: Chart, ax: Axes | None = None) -> Axes:
     """Draw the width of the region in which a stable equilibrium and cycles exist side by side.
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
+from hbbogie.errors import door
 from hbbogie.plot.appearance import COLOURS, INK, Array, axes, legend, scale, styled
 from hbbogie.plot.branches import branch
 from hbbogie.results import Basin, Branch, Hysteresis, SpecialPoint
@@ -22,6 +23,7 @@ NAMES = {"rest": "comes to rest", "cycle": "settles on a cycle", "undecided": "u
 
 
 @styled
+@door(scan=Basin)
 def basin(
     scan: Basin,
     branches: Sequence[Branch] = (),
@@ -75,6 +77,7 @@ def basin(
 
 
 @styled
+@door(runs=Hysteresis)
 def hysteresis(
     runs: Hysteresis,
     branches: Sequence[Branch] = (),
@@ -119,6 +122,7 @@ def hysteresis(
 
 
 @styled
+@door(runs=Hysteresis)
 def delays(runs: Hysteresis, ax: Axes | None = None) -> Axes:
     """Draw how late oscillation dies out and starts over the rate, with the laws of smooth systems.
 

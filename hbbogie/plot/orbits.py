@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import door, several
 from hbbogie.plot.appearance import COLOURS, LINES, Array, axes, coordinate_of, legend, scale, styled
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.units import per_second
@@ -84,6 +84,7 @@ def waveform(
 
 
 @styled
+@door(trajectory=Trajectory)
 def time_history(
     trajectory: Trajectory, coordinates: str | Sequence[str] | None = None, ax: Axes | None = None
 ) -> Axes:
@@ -144,10 +145,7 @@ def spectrum(
 
 
 def _orbits(given: Orbit | Sequence[Orbit]) -> list[Orbit]:
-    many = [given] if isinstance(given, Orbit) else list(given)
-    if not many:
-        raise ModelError("nothing to draw: got no orbit; give at least one.")
-    return many
+    return several("orbits to draw", given, Orbit)
 
 
 def _over_time(

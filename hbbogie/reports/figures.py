@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbbogie.branches.diagram import Diagram
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, named
 from hbbogie.model.system import System
 from hbbogie.results import Branch, Orbit
 from hbbogie.units import label
@@ -108,6 +108,7 @@ def plot_branch(saved: Branch, path: Path, coordinate: str | None = None, quanti
     """
     from hbbogie import plot
 
+    named("plot", "quantity", quantity, plot.QUANTITIES)
     if len(saved) == 1:
         return plot.save(draw("orbit", saved.orbits[0], x=coordinate), path)
     return plot.save(draw("branch", saved, y=coordinate, quantity=quantity), path)

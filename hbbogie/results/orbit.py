@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hbbogie import fourier
 from hbbogie.brief import lines
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import named
 from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.netcdf import _pack_complex, _unpack_complex, read, write
 from hbbogie.results.pictures import draw, page
@@ -88,9 +88,8 @@ class Orbit:
 
     def index(self, coordinate: str) -> int:
         """Return the place of a coordinate, by its name."""
-        if coordinate not in self.coordinates:
-            raise ModelError(f"orbit of {self.system!r}: {unknown_name('coordinate', coordinate, self.coordinates)}")
-        return self.coordinates.index(coordinate)
+        name = named(f"orbit of {self.system!r}", "coordinate", coordinate, self.coordinates)
+        return self.coordinates.index(name)
 
     def amplitude(self, coordinate: str) -> float:
         """Return the peak, the largest absolute value over the period, of a coordinate [its unit]."""

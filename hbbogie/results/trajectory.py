@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.brief import lines
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError, named
 from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.pictures import draw, page
 from hbbogie.units import readable
@@ -68,11 +68,8 @@ class Trajectory:
 
     def index(self, coordinate: str) -> int:
         """Return the place of a coordinate, by its name."""
-        if coordinate not in self.coordinates:
-            raise ModelError(
-                f"trajectory of {self.system!r}: {unknown_name('coordinate', coordinate, self.coordinates)}"
-            )
-        return self.coordinates.index(coordinate)
+        name = named(f"trajectory of {self.system!r}", "coordinate", coordinate, self.coordinates)
+        return self.coordinates.index(name)
 
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return coordinates and velocities at the times t [s], each of shape (len(t), n).

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.model.conserved import conserved_quantities, expression, state_names
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
@@ -25,6 +25,7 @@ MARGIN = 5.0  # a multiplier this many trivial errors from the unit circle has a
 ALIGNED = 0.999  # cosines of angles with the motion's direction, relative to the largest, that are as good as equal
 
 
+@door(system=System, orbit=Orbit)
 def floquet(
     system: System,
     orbit: Orbit,

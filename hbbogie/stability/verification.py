@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.brief import brief
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.conserved import conserved_quantities, state_names
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
@@ -77,6 +77,7 @@ class Verification:
         return self.orbit.stability.multipliers if self.orbit.stability else np.empty(0, dtype=complex)
 
 
+@door(system=System, orbit=Orbit)
 def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verification:
     """Polish a cycle by multiple shooting and measure the errors of the given one.
 
