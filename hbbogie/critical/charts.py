@@ -16,7 +16,7 @@ from hbbogie.critical.fold_curve import FoldCurve
 from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane
 from hbbogie.critical.hopf_curve import HopfCurve
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError, door
+from hbbogie.errors import ModelError, door, whole
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
@@ -94,8 +94,7 @@ def chart(
     system = system.with_parameters(**values)
     if parameter == over:
         raise ModelError(f"chart: both parameters are {parameter!r}; give two different ones.")
-    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        raise ModelError(f"chart: harmonics={harmonics!r}; cycles need at least one, give a whole number from 1.")
+    whole("chart: harmonics", harmonics)
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")
     window = (

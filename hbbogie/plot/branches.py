@@ -198,7 +198,7 @@ def multipliers_along(
 
 
 def _branches(given: Branch | Sequence[Branch]) -> list[Branch]:
-    many = several("branches to draw", given, Branch)
+    many = several("nothing to draw", given, Branch)
     if not all(len(b) for b in many):
         raise ModelError("nothing to draw: got no branch, or one without orbits; give at least one orbit.")
     return many

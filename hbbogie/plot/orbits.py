@@ -145,7 +145,7 @@ def spectrum(
 
 
 def _orbits(given: Orbit | Sequence[Orbit]) -> list[Orbit]:
-    return several("orbits to draw", given, Orbit)
+    return several("nothing to draw", given, Orbit)
 
 
 def _over_time(
