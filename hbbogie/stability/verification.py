@@ -54,8 +54,7 @@ class Verification:
         Distance of the nearest multiplier from 1.
     isolated : bool
         False where the cycle is one of a continuous family; its errors then mean little.
-    status : str
-        How it ended, a sentence.
+    status : str, a sentence
     """
 
     orbit: Orbit
