@@ -180,7 +180,7 @@ def main(wanted: list[str]) -> None:
             for name in chosen:
                 own_name = "basin" if name == "released" else name
                 save(figures[own_name](), f"yang1995_{name}")
-    chosen = [n for n in ("bifurcation", "scatter") if not wanted or f"design_{n}" in wanted]
+    chosen = [n for n in ("bifurcation", "distribution") if not wanted or f"design_{n}" in wanted]
     if chosen:
         redesigned = hb.load_problem("yang1995_design")
         figures = design_of(redesigned, redesigned.SYSTEM(), samples=200).figures
