@@ -44,7 +44,7 @@ STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
-    "axes.prop_cycle": plt.cycler(color=COLOURS),
+    "axes.prop_cycle": plt.cycler(color=NEUTRAL),
     "lines.linewidth": 1.8,
     "lines.solid_capstyle": "round",
     "legend.frameon": False,
@@ -184,7 +184,9 @@ def engineering(axis: Axis, label: str) -> None:
     low, high = axis.get_view_interval()
     factor, shown = readable(unit, max(abs(low), abs(high)))
     if axis.get_scale() == "linear":
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{factor * value + 0.0:.10g}"))
+        axis.set_major_formatter(
+            FuncFormatter(lambda value, _: f"{factor * value + 0.0:.10g}".replace("-", "\N{MINUS SIGN}"))
+        )
     axis.set_label_text(bracketed(text, shown))
 
 

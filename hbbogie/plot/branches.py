@@ -76,8 +76,8 @@ def branch(
     def height(o: Orbit) -> float:
         return factor * value(o, name)
 
-    _draw_points(ax, [(label, u, factor * w, marker) for label, u, w, marker in points], many, labels)
     _over_parameter(ax, many, height, labels, special, rest=height)
+    _draw_points(ax, [(label, u, factor * w, marker) for label, u, w, marker in points], many, labels)
     closed = gaps(many, name) if quantity == "peak" else {}
     for gap, width in closed.items():
         text = many[0][0].naming.plain(gap)
@@ -111,8 +111,8 @@ def frequency(
     """
     many = _branches(branches)
     given, ax = ax, axes(ax)
-    _draw_points(ax, published, many, labels)
     _over_parameter(ax, many, lambda o: o.omega, labels, special)
+    _draw_points(ax, published, many, labels)
     hertz = partial(np.multiply, 1 / (2 * np.pi)), partial(np.multiply, 2 * np.pi)
     right = ax.secondary_yaxis("right", functions=hertz)
     right.set_ylabel("frequency [Hz]")

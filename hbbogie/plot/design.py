@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from hbbogie.errors import ModelError
-from hbbogie.plot.appearance import COLOURS, INK, NEUTRAL, axes, bracketed, engineering, finish, legend, styled
+from hbbogie.plot.appearance import INK, NEUTRAL, axes, bracketed, engineering, finish, legend, styled
 
 
 @styled
@@ -37,7 +37,7 @@ def gains(names: Sequence[str], values: ArrayLike, ax: Axes | None = None, unit:
         )
     ax = axes(ax, (6.6, 1.2 + 0.42 * len(names)))
     order = np.argsort(heights)
-    ax.barh(range(len(names)), heights[order], 0.6, color=COLOURS[0])
+    ax.barh(range(len(names)), heights[order], 0.6, color=NEUTRAL[0])
     ax.set_yticks(range(len(names)), [names[i] for i in order])
     ax.set_ylim(-0.6, len(names) - 0.4)
     ax.grid(False, axis="y")
@@ -120,7 +120,7 @@ def shares(
     ax = axes(ax)
     for i, (label, values) in enumerate(known.items()):
         share = np.arange(1, len(values) + 1) / len(values)
-        ax.step(values, share, where="post", color=COLOURS[i % len(COLOURS)], label=label)
+        ax.step(values, share, where="post", color=NEUTRAL[i % len(NEUTRAL)], label=label)
         if predictions and label in predictions:
             levels = np.linspace(0.001, 0.999, 400)
             ax.plot(
@@ -128,7 +128,7 @@ def shares(
                 levels,
                 "--",
                 lw=1.1,
-                color=COLOURS[i % len(COLOURS)],
+                color=NEUTRAL[i % len(NEUTRAL)],
                 label=f"{label}, second order",
             )
     if service is not None:

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from hbbogie.errors import ModelError
-from hbbogie.plot.appearance import COLOURS, INK, PALE, Array, axes, bracketed, figure_of, legend, styled
+from hbbogie.plot.appearance import INK, NEUTRAL, PALE, Array, axes, bracketed, figure_of, legend, styled
 from hbbogie.units import readable
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def distribution(
     w, text, unit = _own(data, output)  # the unit the thresholds are in
     w = np.sort(w[np.isfinite(w)])
     ax.hist(
-        w, bins=min(40, max(5, int(np.sqrt(len(w))))), color=COLOURS[0], alpha=0.55, edgecolor="white", linewidth=0.6
+        w, bins=min(40, max(5, int(np.sqrt(len(w))))), color=NEUTRAL[0], alpha=0.55, edgecolor="white", linewidth=0.6
     )
     ax.set_xlabel(bracketed(text, unit))
     ax.set_ylabel("samples")
@@ -115,7 +115,7 @@ def distribution(
     right.set_ylim(0, 1.02)
     right.set_ylabel("share of the samples below")
     for k, (value, meaning) in enumerate(thresholds):
-        ax.axvline(value, color=COLOURS[1 + k % 6], ls="--", lw=1.4, label=meaning)
+        ax.axvline(value, color=NEUTRAL[(1 + k) % len(NEUTRAL)], ls="--", lw=1.4, label=meaning)
     if thresholds:
         legend(ax)
     return ax
@@ -135,7 +135,7 @@ def sample_scatter(data: xr.Dataset, x: str, y: str, colour: str | None = None, 
     """
     ax = axes(ax)
     (u, across_label), (v, up_label) = column(data, x), column(data, y)
-    hue: Any = COLOURS[0] if colour is None else column(data, colour)[0]
+    hue: Any = NEUTRAL[0] if colour is None else column(data, colour)[0]
     dots = ax.scatter(u, v, c=hue, s=14, cmap=MAP if colour else None, alpha=0.8, linewidths=0)
     if colour is not None:
         figure_of(ax).colorbar(dots, ax=ax, label=column(data, colour)[1])
@@ -202,8 +202,8 @@ def sensitivity(
     order = np.argsort(np.asarray(total))
     places = np.arange(len(order))
     for values, errors, shift, colour, text in (
-        (first, first_error, -0.19, COLOURS[0], "first order"),
-        (total, total_error, 0.19, COLOURS[1], "total"),
+        (first, first_error, -0.19, NEUTRAL[0], "first order"),
+        (total, total_error, 0.19, NEUTRAL[1], "total"),
     ):
         v, e = np.asarray(values)[order], np.asarray(errors)[order]
         ax.barh(places + shift, v, 0.36, xerr=e, color=colour, ecolor=INK, error_kw={"lw": 1}, label=text)
@@ -228,7 +228,7 @@ def prediction(sampled: ArrayLike, predicted: ArrayLike, label: str, ax: Axes | 
     u, v = np.asarray(sampled), np.asarray(predicted)
     ends = [min(u.min(), v.min()), max(u.max(), v.max())]
     ax.plot(ends, ends, color=INK, lw=1, ls="--", label="prediction = sample")
-    ax.plot(u, v, "o", ms=3.5, color=COLOURS[0], alpha=0.6, mew=0)
+    ax.plot(u, v, "o", ms=3.5, color=NEUTRAL[0], alpha=0.6, mew=0)
     ax.set_xlabel(f"sampled {label}")
     ax.set_ylabel(f"predicted {label}")
     return legend(ax)

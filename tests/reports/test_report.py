@@ -211,3 +211,15 @@ def test_of_mirror_images_one_is_shown():
     assert (np.diff(half.values) < 0).all()
     assert abs(half.orbits[0].coefficients[0]).max() < 1e-8 < abs(half.orbits[-1].coefficients[0]).max()
     assert any("mirror image" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("form", "begins"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_figures_have_the_form_asked_for(tmp_path, form, begins):
+    from hbbogie.reports import draw
+
+    report = Report("r", figures={"orbit": lambda: draw("orbit", orbit())})
+    (file,) = report.write(tmp_path, form=form)
+    assert file.name == f"orbit.{form}" and file.read_bytes().startswith(begins)
+    assert report.write(tmp_path, figures=False) == []
+    with pytest.raises(ModelError, match="unknown form of figures 'gif'"):
+        report.write(tmp_path, form="gif")
