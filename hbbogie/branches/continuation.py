@@ -15,7 +15,7 @@ from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.switching import first_beyond
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
@@ -33,6 +33,7 @@ SHORTEST = 1e-7  # step at which the continuation gives up
 CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 
 
+@door(equations=(Equations, ExactEquations), start=(Orbit, SpecialPoint), parameter=str)
 def trace(
     equations: Equations | ExactEquations,
     start: Orbit | SpecialPoint,

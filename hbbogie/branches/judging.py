@@ -10,9 +10,9 @@ import numpy as np
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
+from hbbogie.results import Orbit, Stability
 from hbbogie.results.branch import Branch
 from hbbogie.results.failure import FAILURES, ConvergenceError
-from hbbogie.results.orbit import Orbit, Stability
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.verification import verify

@@ -167,6 +167,7 @@ def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Or
     return Orbit(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
         coefficients=fourier.analysis(H, N) @ q,
         omega=2 * np.pi / (back * h),

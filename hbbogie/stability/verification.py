@@ -9,7 +9,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError, positive
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.conserved import conserved_quantities, state_names
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
@@ -71,12 +72,15 @@ class Verification:
     isolated: bool
     status: str
 
+    __repr__ = brief
+
     @property
     def multipliers(self) -> NDArray[np.complex128]:
         """Floquet multipliers of the polished cycle, shape (n_states,), largest modulus first."""
         return self.orbit.stability.multipliers if self.orbit.stability else np.empty(0, dtype=complex)
 
 
+@door(system=System, orbit=Orbit)
 def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verification:
     """Polish a cycle by multiple shooting and measure the errors of the given one.
 
