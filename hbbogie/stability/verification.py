@@ -38,8 +38,7 @@ class Verification:
     Attributes
     ----------
     orbit : Orbit
-        The polished cycle, in phase with the given one, with its multipliers and verdict. Its frequency is as accurate
-        as ``closure``. Its Fourier series is truncated (see ``orbit.tail``).
+        The polished cycle, in phase with the given one. Its frequency is as accurate as ``closure``.
     amplitudes : dict of float, unit of the coordinate
         Its peaks, without truncation.
     omega_error : float, rad/s
@@ -51,14 +50,12 @@ class Verification:
     defect : float
         Largest residual of the equations along the given waveform, relative to the largest of their linear terms.
     closure : float
-        Largest jump of a state, relative to its size, between neighbouring elements of the polished motion when each
-        element is integrated again in two halves.
+        Largest relative jump of a state between neighbouring elements, each integrated again in two halves.
     trivial_error : float
         Distance of the nearest multiplier from 1.
     isolated : bool
         False if the cycle belongs to a continuous family. Its errors then mean little.
-    status : str
-        A sentence on how it ended.
+    status : str, a sentence
     """
 
     orbit: Orbit
