@@ -14,5 +14,6 @@ from .hysteresis import Hysteresis as Hysteresis
 from .hysteresis import Passage as Passage
 from .naming import Naming as Naming
 from .orbit import Orbit as Orbit
+from .sketch import Shape as Shape
 from .stability import Stability as Stability
 from .trajectory import Trajectory as Trajectory
