@@ -1,4 +1,4 @@
-"""Test functions at the points of a curve of cycles: what changes its sign where something happens."""
+"""Test functions at the points of a curve of cycles, whose changes of sign mark special points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Describing function or multi-harmonic balance? The same cycles by several methods, beside a converged one."""
+"""Comparison of methods: the same cycles by describing functions, harmonic balance and a converged method."""
 
 from __future__ import annotations
 

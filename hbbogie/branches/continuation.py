@@ -1,4 +1,4 @@
-"""Branches of cycles: pseudo-arclength continuation in one parameter, and all cycles at a value of it."""
+"""Branches of cycles: pseudo-arclength continuation in one parameter, and all cycles at one of its values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cycles that simulated motions settle on, forwards and backwards in time."""
+"""Cycles to which simulated motions settle, forwards and backwards in time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all commands share: the application, options, loading a problem, doing a job."""
+"""Code shared by all commands: the application, options, loading a problem, running a job."""
 
 from __future__ import annotations
 

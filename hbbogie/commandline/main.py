@@ -1,4 +1,4 @@
-"""The command line: parse, call, show, save. Numerics and figures are imported inside the commands only."""
+"""The command line: parse, call, show, save. Numerics and figures are imported only inside the commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that verify the picture by motions in time: basins of attraction, slowly changing parameters."""
+"""Commands that confirm the picture by motions in time: basins of attraction, slowly changing parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports: what a job found, as tables, branches and figures; and the default job of a problem."""
+"""Reports on cycles and branches, and the default job of a problem."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why a branch, a curve or a walk ended."""
+"""The reason why a branch, a curve or a walk ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is done at one point, in whatever process: the task, its outcome, the worker's side."""
+"""The work at one point, in any process: the task, its outcome, and the code that runs in a worker."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ class TestWhatIsFound:
         np.testing.assert_allclose(once.q(t)[:, 0], np.cos(t) + np.sin(2 * t), atol=1e-14)
 
     @pytest.mark.slow
-    def test_phantoms_of_harmonic_balance_are_not_listed(self):
+    def test_spurious_cycles_of_harmonic_balance_are_not_listed(self):
         """FitzHugh and Nagumo's equations, where an unstable and a stable cycle coexist."""
         x, y, i = C("x"), C("y"), P("I", 0.5505)
         system = hb.System("fhn", [x, y], [i], [x.dot - (x - x**3 / 3 - y + i), y.dot - 0.08 * (x - 0.8 * y)])
@@ -105,7 +105,7 @@ class TestWhatIsFound:
 
 
 class TestEvidence:
-    def test_an_empty_answer_says_why(self):
+    def test_an_empty_result_gives_the_reason(self):
         """Below K = 33/17 the equilibrium is stable."""
         none = hb.find_cycles(predator_prey(), K=1.5)
         assert none == [] and "1.94117647" in none.evidence[0] and "eigenvalues" in none.evidence[0]
@@ -117,7 +117,7 @@ class TestEvidence:
         assert "branch from the Hopf point at K = 1.94117647" in text and "motions" in text
         assert len(repr(found)) < 400
 
-    def test_a_start_looks_at_one_equilibrium(self):
+    def test_a_start_restricts_the_search_to_one_equilibrium(self):
         found = hb.find_cycles(predator_prey(), K=3.0, start={"n": 0.5, "q": 0.4})
         assert [o.period for o in found] == pytest.approx([20.3446], rel=1e-5)
         assert sum("equilibrium n =" in s for s in found.evidence) == 1

@@ -223,7 +223,7 @@ time.sleep(1.5)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such timer")
-def test_an_interruption_that_is_lost_comes_again():
+def test_a_lost_interruption_is_raised_again():
     run = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, timeout=60)
     assert (run.returncode, run.stdout, run.stderr) == (0, "raised again 1\n", "")
 

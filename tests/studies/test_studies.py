@@ -196,7 +196,7 @@ class TestSweep:
         assert here[names].equals(pool[names])
         assert len(set(pool["worker"].values)) <= 2 and pool["worker"].values[0] != here["worker"].values[0]
 
-    def test_a_point_that_kills_its_worker_is_a_row(self, folder):
+    def test_a_point_that_kills_its_worker_is_a_failed_row(self, folder):
         data = sweep(folder, "deadly", {"k": [1.0, 2.0, 3.0, 4.0, 5.0]}, workers=2)
         assert data["failed"].values.tolist() == [False, False, True, False, False]
         assert "the worker process died" in str(data["status"].values[2])
@@ -210,7 +210,7 @@ class TestSweep:
 
     @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such timer")
     @pytest.mark.parametrize("workers", [0, 2])
-    def test_a_job_that_hangs_is_a_row(self, folder, workers):
+    def test_a_job_that_hangs_is_a_failed_row(self, folder, workers):
         data = sweep(folder, "hanging", {"k": [1.0, 3.0, 4.0, 3.0, 5.0]}, workers=workers, limit=1.0)
         assert data["failed"].values.tolist() == [False, True, False, True, False]
         assert str(data["status"].values[1]) == "the time limit of 1 s for a point is over"
@@ -220,7 +220,7 @@ class TestSweep:
             sweep(folder, "hanging", {"k": [1.0]}, limit=-1)
 
     @pytest.mark.parametrize("workers", [0, 1])
-    def test_a_job_that_leaves_is_a_row(self, folder, workers):
+    def test_a_job_that_exits_is_a_failed_row(self, folder, workers):
         k = [1.0, 3.0] if workers == 0 else [1.0, 3.0, 4.0]  # in this process KeyboardInterrupt is Ctrl-C
         data = sweep(folder, "leaving", {"k": k}, workers=workers)
         assert data["failed"].values.tolist() == [False, True, True][: len(k)]
@@ -238,7 +238,7 @@ class TestSweep:
             *[(n, 1.0, "which NetCDF cannot hold") for n in ("peak/left", "", ".", "a\nb", "\udcff")],
         ],
     )
-    def test_outputs_that_are_none_are_refused_at_once(self, folder, tmp_path, name, value, message):
+    def test_invalid_outputs_are_refused_at_once(self, folder, tmp_path, name, value, message):
         options = {"name": name, "value": value}
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, "named", {"k": [1.0]}, options=options, store=tmp_path / "s.db")
@@ -265,7 +265,7 @@ class TestSweep:
             hb.sweep("critical", {"a": [1.0]}, problem="bautin", options=options, store=store, workers=0)
         assert not (tmp_path / "s.db").exists()
 
-    def test_script_without_the_usual_line_is_told(self, folder, tmp_path):
+    def test_script_without_a_main_guard_is_refused(self, folder, tmp_path):
         """Workers import the script; one that sweeps again when it is imported would never end."""
         call = (
             f"hb.sweep({str(folder / 'jobs.py') + ':product'!r}, {{'k': [1.0]}}, problem={str(folder / 'spring.py')!r})"
@@ -334,7 +334,7 @@ except hb.ModelError as error:
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, "product", points, **keywords)
 
-    def test_an_executor_that_takes_nothing_any_more(self, folder):
+    def test_an_executor_that_was_shut_down(self, folder):
         finished, broken = cf.ThreadPoolExecutor(1), cf.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
         finished.shutdown()
         with pytest.raises(cf.BrokenExecutor):
@@ -557,13 +557,13 @@ class TestReport:
         for link in ("http://", "https://", 'src="/', "<script", "<link"):
             assert link not in text
 
-    def test_infinite_values_are_told(self, folder):
+    def test_infinite_values_are_reported(self, folder):
         data = sweep(folder, "named", {"k": [1.0, 2.0]}, options={"name": "y", "value": float("inf")})
         report = report_of(data, "Infinite")
         assert "y: 2 infinite values, left out here." in report.tables[1].notes
         json.dumps(report.as_dict(), allow_nan=False)
 
-    def test_a_figure_that_cannot_be_drawn_costs_nothing_else(self, data, tmp_path):
+    def test_a_figure_that_cannot_be_drawn_leaves_the_rest_of_the_report(self, data, tmp_path):
         figures = [
             {"kind": "scatter", "x": "a", "y": "kind"},  # text
             {"kind": "map", "x": "a", "y": "a", "output": "fold"},  # all on a line
