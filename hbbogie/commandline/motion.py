@@ -90,7 +90,7 @@ def animate(
     cycle: Annotated[
         int | None, typer.Option(help="Which cycle, from 1, by growing amplitude; by default the largest stable one.")
     ] = None,
-    frames: Annotated[int, typer.Option(help="Number of pictures.")] = 60,
+    frames: Annotated[int, typer.Option(help="Number of pictures.")] = 50,
     overrides: Overrides = None,
 ) -> None:
     """Show how a system moves on its cycle, or how it comes to rest, as a moving picture."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from matplotlib import animation
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from hbbogie.errors import ModelError, as_path, of_kind, whole
 from hbbogie.plot.appearance import COLOURS, INK, PALE, SHADES, bracketed, coordinate_of, panels, scale, style, title_of
@@ -19,7 +21,7 @@ from hbbogie.results.sketch import Sketch
 from hbbogie.units import per_second
 
 Array = NDArray[np.float64]
-FRAMES = 60  # of one period, or of a whole motion
+FRAMES = 50  # of one period, or of a whole motion
 PERIODS = 2.0  # shown in the time history of a cycle
 PACE = 20  # frames a second
 MARGIN = 0.1  # around a sketch, in its unit
@@ -30,7 +32,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "contact": {"color": "#999999", "lw": 3.0},
 }
 LIT = {"color": COLOURS[1], "lw": 8.0}  # a contact that is closed
-MAKERS = {".gif": "pillow", ".mp4": "ffmpeg"}
+FORMS = (".gif", ".mp4")
+DOTS, COLOURS_OF_GIF = 80, 32  # an inch; and in the palette
 
 
 def animate(
@@ -89,20 +92,40 @@ def animate(
     figure.canvas.draw()
     figure.set_layout_engine("none")  # the panels stay where they are
     with style():
-        film = animation.FuncAnimation(figure, show, frames=frames, blit=False)
-        film.save(target, writer=MAKERS[target.suffix], fps=PACE, dpi=80, savefig_kwargs={"facecolor": "white"})
+        if target.suffix == ".gif":
+            _write_gif(figure, show, frames, target)
+        else:
+            film = animation.FuncAnimation(figure, show, frames=frames, blit=False)
+            film.save(target, writer="ffmpeg", fps=PACE, dpi=DOTS)
     plt.close(figure)
     return target
+
+
+def _write_gif(figure: Figure, show: Callable[[int], object], frames: int, target: Path) -> None:
+    """Write the pictures with one palette: successive ones then differ in little, and the file is small."""
+    figure.set_dpi(DOTS)
+    films = []
+    for frame in range(frames):
+        show(frame)
+        figure.canvas.draw()
+        films.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB"))  # type: ignore[attr-defined]
+    some = films[:: max(1, frames // 6)]
+    sample = Image.new("RGB", (some[0].width, some[0].height * len(some)))
+    for i, film in enumerate(some):
+        sample.paste(film, (0, i * film.height))
+    palette = sample.quantize(COLOURS_OF_GIF)
+    first, *others = (film.quantize(palette=palette, dither=Image.Dither.NONE) for film in films)
+    first.save(target, save_all=True, append_images=others, duration=round(1000 / PACE), loop=0, optimize=True)
 
 
 def check_target(path: str | Path) -> Path:
     """Return the path of an animation; raise `ModelError` where it cannot be written."""
     target = as_path("animate: path", path)
-    if target.suffix not in MAKERS:
+    if target.suffix not in FORMS:
         raise ModelError(f"animate: got the path {str(target)!r}; give one that ends in .gif or .mp4.")
     if not target.parent.is_dir():
         raise ModelError(f"animate: the directory {str(target.parent)!r} does not exist; make it.")
-    if not animation.writers.is_available(MAKERS[target.suffix]):
+    if target.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
         raise ModelError("animate: .mp4 asks for the program ffmpeg, which is not found; install it, or take .gif.")
     return target
 
@@ -181,7 +204,7 @@ def _drawing(ax: Axes, motion: Orbit | Trajectory, sketch: Sketch, here: Array) 
     ax.set_aspect("equal")
     ax.axis("off")
     if sketch.__doc__:
-        ax.set_title(sketch.__doc__.strip().splitlines()[0], fontsize=9, loc="left")
+        ax.set_title(sketch.__doc__.strip().splitlines()[0], fontsize=9)
 
     def redraw(frame: int) -> list[Any]:
         for line, shape in zip(lines, films[frame], strict=True):

@@ -10,7 +10,7 @@ ENLARGED = 15.0  # lateral displacements and yaw angles are drawn so many times 
 
 
 def sketch(q: dict[str, float], p: dict[str, float]) -> list[Shape]:
-    """Seen from above; displacements and yaw are drawn 15 times as large, and a flange that touches its rail is lit.
+    """Seen from above, displacements and yaw 15 times enlarged; a flange that touches its rail is lit.
 
     Parameters
     ----------

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from matplotlib import animation
 from PIL import Image
+from typer.testing import CliRunner
 
 import hbbogie as hb
 from hbbogie import plot
-from hbbogie.commandline.main import main
+from hbbogie.commandline import app
 
 
 @pytest.fixture(scope="module")
@@ -78,13 +79,13 @@ def test_what_does_not_move(cycle, tmp_path):
     rest = cycle.replace(coefficients=np.zeros((1, 1)), omega=0.0)
     with pytest.raises(hb.ModelError, match="does not move"):
         plot.animate(rest, tmp_path / "a.gif")
-    with pytest.raises(hb.ModelError, match="argument|motion"):
+    with pytest.raises(hb.ModelError, match="animate: motion"):
         plot.animate("cycle", tmp_path / "a.gif")
 
 
-def test_command(tmp_path, capsys):
-    target = tmp_path / "vdp.gif"
-    assert main(["animate", "van_der_pol", "--file", str(target), "--frames", "3"]) == 0
-    assert "one period of the cycle of" in capsys.readouterr().out and target.stat().st_size > 1000
-    assert main(["animate", "van_der_pol", "--file", str(target), "--cycle", "2"]) == 2
-    assert "give another number" in capsys.readouterr().err
+def test_command(tmp_path):
+    target, call = tmp_path / "vdp.gif", CliRunner().invoke
+    found = call(app, ["animate", "van_der_pol", "--file", str(target), "--frames", "3"])
+    assert found.exit_code == 0 and "one period of the cycle of" in found.output and target.stat().st_size > 1000
+    refused = call(app, ["animate", "van_der_pol", "--file", str(target), "--cycle", "2"])
+    assert refused.exit_code == 2 and "give another number" in refused.output
