@@ -11,6 +11,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from hbbogie.threads import one_blas_thread
+
 P = ParamSpec("P")
 T = TypeVar("T")
 BELONGS = {  # descriptions of expected arguments, by the name of the type
@@ -43,6 +45,8 @@ class ModelError(ValueError):
 def door(**kinds: type | tuple[type, ...]) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Make a public function refuse arguments of the wrong kind before it begins; its defaults are always accepted.
 
+    Inside, linear algebra uses one thread.
+
     Parameters
     ----------
     **kinds
@@ -60,7 +64,8 @@ def door(**kinds: type | tuple[type, ...]) -> Callable[[Callable[P, T]], Callabl
             for name, kind in kinds.items():
                 if name in given and given[name] is not parameters[name].default:
                     of_kind(f"{function.__name__}({order}): argument {name!r}", given[name], kind)
-            return function(*args, **kwargs)
+            with one_blas_thread():
+                return function(*args, **kwargs)
 
         return checked
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.branches.cycle_curve import CycleCurve
+from hbbogie.deadline import time_is_over
 from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
 from hbbogie.solving.curve import Point
@@ -47,8 +48,8 @@ class Probe:
 
     @cached_property
     def orbit(self) -> Orbit:
-        """The cycle, with its stability where it is to be judged and can be."""
-        if not self.judge:
+        """The cycle, with its stability where it is to be judged and can be, as long as there is time."""
+        if not self.judge or time_is_over():
             return self.cycle
         try:
             return self.cycle.replace(stability=floquet(self.curve.equations.system, self.cycle))

@@ -16,6 +16,7 @@ from hbbogie.branches.crossing import _family, crossings
 from hbbogie.branches.motions import recurrences, sample_distance
 from hbbogie.branches.same import alike, of_prime_period, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
+from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
 from hbbogie.errors import ModelError
@@ -85,7 +86,9 @@ class Census:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
         for hopf in self.hopf:
             name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}"
-            if not self._in_closed_form(hopf, name):
+            if time_is_over():
+                self.evidence.append(f"{name} was not followed: the time limit was reached")
+            elif not self._in_closed_form(hopf, name):
                 self._by_harmonic_balance(hopf, name)
 
     def _in_closed_form(self, hopf: SpecialPoint, name: str) -> bool:
@@ -98,7 +101,7 @@ class Census:
         values = [point.value for point in walk.points]
         low, high = min(values), max(values)
         lost = walk.marked("not located") + walk.marked("fold not located")
-        if lost or walk.end.kind not in ("interval", "contact") or high - low <= SAME * (self.span[1] - self.span[0]):
+        if lost or not walk.end.complete or high - low <= SAME * (self.span[1] - self.span[0]):
             return False
         self.evidence.append(f"{name} was followed in closed form from {low:.6g} to {high:.6g}: {walk.end}")
         for orbit in cycles:
@@ -140,6 +143,9 @@ class Census:
                 continue
             counted: Counter[str] = Counter()
             for where, x in starts:
+                if time_is_over():
+                    counted["not begun before the time limit"] += 1
+                    continue
                 x = np.where(np.arange(len(x)) < system.n, x, -x) if sense else x
                 counted[self._motion(there, bool(sense), where, x, h, size)] += 1
             told = ", ".join(f"{count} {what}" for what, count in counted.items())

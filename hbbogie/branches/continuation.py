@@ -15,6 +15,7 @@ from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.switching import first_beyond
+from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
@@ -23,14 +24,14 @@ from hbbogie.model.ranges import check_interval
 from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import point_at, walk
+from hbbogie.solving.arclength import advance, point_at, walk
 from hbbogie.solving.curve import Point
 from hbbogie.solving.solvers import solve
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 SHORTEST = 1e-7  # step at which the continuation gives up
-CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
+CAREFUL = 0.05  # longest first step from a Hopf point, in units of the usual one
 
 
 @door(equations=(Equations, ExactEquations), start=(Orbit, SpecialPoint), parameter=str)
@@ -46,6 +47,7 @@ def trace(
     families: bool = True,
     stability: bool = True,
     tolerance: float = 1e-10,
+    limit: float | None = None,
     progress: Progress | None = None,
 ) -> Branch:
     """Follow a branch of cycles over a parameter, around folds, in both directions from the start.
@@ -67,7 +69,8 @@ def trace(
         Where to stop.
     step, longest : float
         First and longest step in scaled arclength: one unit is the amplitude scale of the equations, or a
-        quarter of the interval.
+        quarter of the interval. At amplitudes above ten times their scale the
+        longest is longer.
     max_points : int
         Largest number of points.
     families : bool
@@ -78,6 +81,8 @@ def trace(
         and in a family along which the parameter does not vary, only folds are located.
     tolerance : float
         Largest scaled residual of a point.
+    limit : float, optional, s
+        Time after which the branch ends with what was found, and says so in ``ends``.
     progress : callable, optional
         Called with the parameter's value after each point.
 
@@ -120,19 +125,35 @@ def trace(
             f"trace: the start has {parameter} = {p[place]:g}, outside the interval ({lo:g}, {hi:g}); widen it."
         )
     curve = CycleCurve(equations, parameter, (lo, hi), p, tolerance, families)
+    options: dict[str, Any] = {"step": step, "longest": longest, "shortest": SHORTEST, "most": max_points}
+    with time_limit(limit):
+        return _traced(curve, start, begins, stability, options, progress)
+
+
+def _traced(
+    curve: CycleCurve,
+    start: Orbit | SpecialPoint,
+    begins: bool,
+    stability: bool,
+    options: dict[str, Any],
+    progress: Progress | None,
+) -> Branch:
+    """Follow the curve from its start, and locate the special points; ``begins`` where nothing lies before."""
+    equations, parameter = curve.equations, curve.parameter
+    special = start if isinstance(start, SpecialPoint) else None
+    from_hopf = special is not None and special.kind == "hopf"
     first, both = _begin(curve, start)
-    # a fold may follow closely where a gap first closes
-    begin = step * CAREFUL if from_hopf else step
+    if from_hopf:
+        options["step"] = _careful(curve, first, CAREFUL * options["step"])
 
     def say(point: Point) -> None:
         if progress:
             progress(float(point.u[-1]))
 
-    options: dict[str, Any] = {"step": begin, "longest": longest, "shortest": SHORTEST, "most": max_points}
-    forward, end = walk(curve, first, progress=say, **options)
+    forward, end = walk(curve, first, stretch=curve.stretch, progress=say, **options)
     backward, beginning = [first], end
     if both and end.kind != "closed":
-        backward, beginning = walk(curve, first.turned(), progress=say, **options)
+        backward, beginning = walk(curve, first.turned(), stretch=curve.stretch, progress=say, **options)
     elif not both:
         beginning = Ending("began", f"began here, at the {_name(start)}")
     points, place = [b.turned() for b in backward[:0:-1]] + forward, len(backward) - 1
@@ -146,6 +167,8 @@ def trace(
         special = onset(special, equations.system.with_parameters(**{parameter: special.value}), values)
     known = {place: special} if special is not None and begins and judge else {}
     orbits, met = special_points(curve, points, judge=judge, known=known)
+    if judge and time_is_over() and end.kind != "limit":
+        end = Ending("limit", f"{end.what}, and not all cycles were judged before the time limit", "raise limit")
     return Branch(tuple(orbits), parameter, met, (_said(beginning), _said(end)))
 
 
@@ -158,6 +181,20 @@ def _begin(curve: CycleCurve, start: Orbit | SpecialPoint) -> tuple[Point, bool]
     if start.kind == "hopf":
         return _first_point(curve, first_cycle(curve.equations, start), curve.equations, growing=True), False
     return _first_point(curve, start.orbit, curve.equations, growing=False), True
+
+
+def _careful(curve: CycleCurve, first: Point, step: float) -> float:
+    """Return a first step from a Hopf point over which the parameter does not turn.
+
+    Where a gap first closes, a fold may follow as closely as the next gap.
+    """
+    onset, _ = advance(curve, first, SHORTEST)
+    while onset is not None and step > 4 * SHORTEST:
+        there, _ = advance(curve, first, step)
+        if there is not None and onset.tangent[-1] * there.tangent[-1] > 0:
+            break
+        step /= 4
+    return step
 
 
 def _said(end: Ending) -> Ending:

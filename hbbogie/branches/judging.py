@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hbbogie.deadline import time_is_over
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -56,7 +57,8 @@ def judged(system: System, branch: Branch, progress: Progress = silent, message:
     orbits, neutral = [], {id(s.orbit) for s in branch.special}  # where more harmonics change nothing
     for i, orbit in enumerate(branch.orbits):
         progress(message, i / len(branch))
-        orbits.append(orbit if id(orbit) in neutral else orbit.replace(stability=stability_of(system, orbit)))
+        kept = id(orbit) in neutral or time_is_over()
+        orbits.append(orbit if kept else orbit.replace(stability=stability_of(system, orbit)))
     return branch.with_orbits(orbits)
 
 

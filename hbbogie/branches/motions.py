@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
 from hbbogie.branches.same import signature
+from hbbogie.deadline import time_is_over
 from hbbogie.model.system import System
 from hbbogie.motion.integration import states_after
 from hbbogie.results import Orbit
@@ -78,6 +79,8 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     orbit: Orbit | None = None
     closest = RECURS
     for _ in range(CHUNKS):
+        if time_is_over():
+            break
         try:
             states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE)])
         except ConvergenceError:

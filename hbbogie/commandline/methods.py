@@ -12,6 +12,7 @@ from hbbogie.commandline.application import (
     AsJson,
     Harmonics,
     Interval,
+    Limit,
     Output,
     Overrides,
     ParameterName,
@@ -88,6 +89,7 @@ def critical(
     name: Problem,
     parameter: ParameterName = None,
     interval: Interval = None,
+    limit: Limit = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -95,7 +97,8 @@ def critical(
     """Find the critical values of a parameter, Hopf points and folds, with their gradients."""
     from hbbogie.reports.critical import critical_of
 
-    do(name, overrides, output, as_json, functools.partial(critical_of, parameter=parameter, interval=interval))
+    job = functools.partial(critical_of, parameter=parameter, interval=interval)
+    do(name, overrides, output, as_json, job, limit)
 
 
 @command(

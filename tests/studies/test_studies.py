@@ -19,6 +19,7 @@ from small_studies import process, write_study
 import hbbogie as hb
 from hbbogie import plot, studies
 from hbbogie.errors import ModelError
+from hbbogie.exact import at_grazing, follow
 from hbbogie.reports import report_of, write_html
 from hbbogie.reports.study import _most_correlated
 from hbbogie.studies import (
@@ -260,8 +261,8 @@ class TestSweep:
             sweep(folder, job, {"k": [1.0]}, options=options)
 
     def test_options_of_a_shipped_job_are_checked_at_the_nominal_point(self, tmp_path):
-        with pytest.raises(hb.ModelError, match=r"unknown search 'wrm'. Did you mean 'warm'"):
-            options, store = {"search": "wrm"}, tmp_path / "s.db"
+        with pytest.raises(hb.ModelError, match=r"unknown method 'exct'. Did you mean 'exact'"):
+            options, store = {"method": "exct"}, tmp_path / "s.db"
             hb.sweep("critical", {"a": [1.0]}, problem="bautin", options=options, store=store, workers=0)
         assert not (tmp_path / "s.db").exists()
 
@@ -427,32 +428,18 @@ def _ishigami(system):
 
 
 class TestCritical:
-    def test_random_bogies_against_the_longer_way(self, bogie):
-        """SOLVER: two ways along the branch, by amplitude and by arclength, and one fold."""
+    def test_random_bogies_against_the_exact_branch(self, bogie):
+        """Two methods and two walks along the whole branch; the error of the fold is a bound."""
         names = [n for n in bogie.values if n != "V"]
-        points = studies.latin_hypercube(studies.around(bogie, 0.2, names), 4, seed=8)
+        points = studies.latin_hypercube(studies.around(bogie, 0.3, names), 4, seed=8)
         for i in range(4):
             system = bogie.with_parameters(**points.point(i))
-            short = smallest_critical(system, interval=(40.0, 160.0))
-            long = hb.critical_speeds(system, "V", (40.0, 160.0), harmonics=15)
-            assert not short["failed"] and short["critical"] == pytest.approx(long[0].value, rel=1e-9)
-            assert short["kind"] == long[0].kind
-            for name in ("lam", "K2", "f22"):
-                assert short[f"d{short['kind']}_d{name}"] == pytest.approx(long[0].gradient[name], rel=1e-6)
-
-    def test_warm_starts_change_nothing_in_any_order(self):
-        """SOLVER: over conicity and yaw stiffness, forward, backward and cold."""
-        points = studies.grid({"lam": [0.046, 0.05, 0.054], "K2": [9e6, 10e6]})
-        backward = studies.Points(points.names, points.values[::-1], "list")
-        found = {}
-        for name, search, where in (("cold", "lowest", points), ("warm", "warm", points), ("back", "warm", backward)):
-            options = {"interval": [60.0, 130.0], "search": search}
-            found[name] = hb.sweep("critical", where, problem="yang1995", options=options, workers=0)
-        assert sum("neighbour" in s for s in found["warm"]["status"].values) >= 4
-        for name in ("fold", "fold_omega", "dfold_dlam", "dfold_dK2"):
-            for other in (found["warm"][name].values, found["back"][name].values[::-1]):
-                np.testing.assert_allclose(other, found["cold"][name].values, rtol=1e-6)
-        np.testing.assert_allclose(found["warm"]["fold"].values, found["cold"]["fold"].values, rtol=1e-9)
+            row = smallest_critical(system, interval=(30.0, 160.0))
+            (first, *_) = hb.hopf_points(system, "V", (30.0, 160.0))
+            walk = follow(at_grazing(system, first), (30.0, 160.0))
+            lowest = min([first.value, *(point.value for point in walk.marked("fold"))])
+            assert not row["failed"] and row["complete"] == 1
+            assert abs(row["critical"] - lowest) <= row.get("fold_error", 1e-9 * lowest)
 
     def test_cycles_in_closed_form_give_the_same_rows(self, bogie):
         """Two independent methods; the rows of one are those of the other but for the harmonics left out."""
