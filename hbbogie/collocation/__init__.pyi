@@ -1,0 +1,12 @@
+from .cycle import CollocatedCycle as CollocatedCycle
+from .method import Collocation as Collocation
+from .method import CollocationEquations as CollocationEquations
+from .rates import Rates as Rates
+from .solving import collocated as collocated
+from .special import Special as Special
+from .special import judged as judged
+from .starting import Sampled as Sampled
+from .starting import from_motion as from_motion
+from .starting import from_orbit as from_orbit
+from .walk import Followed as Followed
+from .walk import follow as follow
