@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.bifurcations import special_points
 from hbbogie.branches.closed_form import exact_trace
+from hbbogie.branches.collocated import collocated_trace
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.switching import first_beyond
 from hbbogie.errors import ModelError, door
+from hbbogie.collocation.method import CollocationEquations
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
@@ -33,9 +35,9 @@ SHORTEST = 1e-7  # step at which the continuation gives up
 CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 
 
-@door(equations=(Equations, ExactEquations), start=(Orbit, SpecialPoint), parameter=str)
+@door(equations=(Equations, ExactEquations, CollocationEquations), start=(Orbit, SpecialPoint), parameter=str)
 def trace(
-    equations: Equations | ExactEquations,
+    equations: Equations | ExactEquations | CollocationEquations,
     start: Orbit | SpecialPoint,
     parameter: str,
     interval: tuple[float, float],
@@ -52,9 +54,10 @@ def trace(
 
     Parameters
     ----------
-    equations : Equations or ExactEquations
+    equations : Equations, ExactEquations or CollocationEquations
         In closed form step lengths are chosen from the curvature, every cycle is judged, and branches that begin at
-        special points other than Hopf points are not followed.
+        special points other than Hopf points are not followed. By collocation the tolerance is that given there, and
+        families do not occur.
     start : Orbit or SpecialPoint
         A cycle on or near the branch. From a Hopf point the branch is followed towards growing amplitude, beginning
         where a gap first closes if the system is linear until then; from a branch point the branch that crosses;
@@ -101,6 +104,8 @@ def trace(
     lo, hi = check_interval(equations.system, parameter, interval)
     if isinstance(equations, ExactEquations):
         return exact_trace(equations, start, parameter, (lo, hi), max_points)
+    if isinstance(equations, CollocationEquations):
+        return collocated_trace(equations, start, parameter, (lo, hi), (step, longest, max_points), stability, progress)
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(
             f"trace: step={step}, longest={longest}, max_points={max_points}; need 0 < step <= longest, 2 points."
