@@ -102,10 +102,9 @@ def trace(
     H. B. Keller, in Applications of Bifurcation Theory, Academic Press 1977, 359-384 (eq-arclength).
     """
     lo, hi = check_interval(equations.system, parameter, interval)
-    if isinstance(equations, ExactEquations):
-        return exact_trace(equations, start, parameter, (lo, hi), max_points)
-    if isinstance(equations, CollocationEquations):
-        return collocated_trace(equations, start, parameter, (lo, hi), (step, longest, max_points), stability, progress)
+    if not isinstance(equations, Equations):
+        steps = step, longest, max_points
+        return _beside_the_waist(equations, start, parameter, (lo, hi), steps, stability, progress)
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(
             f"trace: step={step}, longest={longest}, max_points={max_points}; need 0 < step <= longest, 2 points."
@@ -152,6 +151,21 @@ def trace(
     known = {place: special} if special is not None and begins and judge else {}
     orbits, met = special_points(curve, points, judge=judge, known=known)
     return Branch(tuple(orbits), parameter, met, (_said(beginning), _said(end)))
+
+
+def _beside_the_waist(
+    equations: ExactEquations | CollocationEquations,
+    start: Orbit | SpecialPoint,
+    parameter: str,
+    interval: tuple[float, float],
+    steps: tuple[float, float, int],
+    stability: bool,
+    progress: Progress | None,
+) -> Branch:
+    """Follow a branch of equations that have a walk of their own."""
+    if isinstance(equations, ExactEquations):
+        return exact_trace(equations, start, parameter, interval, steps[-1])
+    return collocated_trace(equations, start, parameter, interval, steps, stability, progress)
 
 
 def _begin(curve: CycleCurve, start: Orbit | SpecialPoint) -> tuple[Point, bool]:

@@ -9,12 +9,18 @@ from smooth_systems import brusselator, fitzhugh_nagumo, hodgkin_huxley, oregona
 
 import hbbogie as hb
 from hbbogie import Collocation, ConvergenceError, ModelError, load_problem
-from hbbogie.collocation import CollocatedCycle, Rates, collocated, from_motion, from_orbit
-import hbbogie.collocation.elimination as _elimination
-from hbbogie.collocation.mesh import evaluated as _evaluated
-from hbbogie.collocation.mesh import gauss as _gauss
-from hbbogie.collocation.mesh import points_of as _points_of
-from hbbogie.collocation.solving import on_mesh as _on_mesh
+from hbbogie.collocation import (
+    CollocatedCycle,
+    Rates,
+    collocated,
+    evaluated,
+    from_motion,
+    from_orbit,
+    gauss,
+    on_mesh,
+    points_of,
+    reduced,
+)
 
 TOLERANCE = 1e-9
 
@@ -120,7 +126,7 @@ def test_method_in_solve():
     orbit = hb.solve(equations, guess, mu=1.0)
     assert orbit.period == pytest.approx(6.66328685932313019, rel=1e-8)
     assert orbit.parameters["mu"] == 1.0
-    with pytest.raises(ModelError, match="at given parameters only"):
+    with pytest.raises(ModelError, match="at given parameter values only"):
         hb.solve(equations, guess, free="mu", amplitude={"x": 2.0})
 
 
@@ -164,7 +170,7 @@ def test_elimination_is_a_dense_solve(N, n):
         dense[rows, N * n :], right[rows] = G[i, :, :2], G[i, :, 2]
     dense[N * n :] = np.hstack([border.reshape(2, -1), corner[:, :2]])
     right[N * n :] = corner[:, 2]
-    found = _elimination.reduced(C, D, G, border, corner)
+    found = reduced(C, D, G, border, corner)
     x, rest = found.solve()
     size = np.linalg.cond(dense)
     assert np.append(x, rest) == pytest.approx(np.linalg.solve(dense, right), abs=1e-12 * size)
@@ -176,29 +182,29 @@ def test_elimination_is_a_dense_solve(N, n):
     other = dense.copy()
     other[-1] *= -1
     ratio = np.linalg.slogdet(other)[0] * np.linalg.slogdet(dense)[0]
-    assert _elimination.reduced(C, D, G, border * [[[1]], [[-1]]], turned).sign * found.sign == ratio == -1
+    assert reduced(C, D, G, border * [[[1]], [[-1]]], turned).sign * found.sign == ratio == -1
 
 
 def test_gauss_points():
     """IDENTITY: the end of a polynomial of degree m from its beginning and its stages; integrals of degree 2 m - 1."""
     for m in (2, 3, 4, 7):
-        g = _gauss(m)
+        g = gauss(m)
         p = np.polynomial.Polynomial(np.arange(1.0, m + 2))
         assert g.begin * p(0) + g.d @ p(g.c) == pytest.approx(p(1), rel=1e-12)
         assert g.a @ p.deriv()(g.c) == pytest.approx(p(g.c) - p(0), rel=1e-12)
         assert g.b @ g.c ** (2 * m - 1) == pytest.approx(1 / (2 * m), rel=1e-12)
         mesh = np.array([0.0, 0.3, 1.0])
-        values = p(_points_of(mesh, m))[..., None]
+        values = p(points_of(mesh, m))[..., None]
         s = np.linspace(0, 1, 11)
-        assert _evaluated(mesh, values, s)[:, 0] == pytest.approx(p(s), rel=1e-12)
-        assert _evaluated(mesh, values, s, 1)[:, 0] == pytest.approx(p.deriv()(s), rel=1e-10)
+        assert evaluated(mesh, values, s)[:, 0] == pytest.approx(p(s), rel=1e-12)
+        assert evaluated(mesh, values, s, 1)[:, 0] == pytest.approx(p.deriv()(s), rel=1e-10)
 
 
 def test_linearisation_against_differences():
     """The bordered solve inverts the derivative: a step along its solution changes the residual by the right side."""
     system = hodgkin_huxley()
     guess = from_motion(system, [50.0, 0.1, 0.5, 0.4]).on(12, 3)
-    equations, u = _on_mesh(Rates(system, "I"), guess)
+    equations, u = on_mesh(Rates(system, "I"), guess)
     rng = np.random.default_rng(0)
     plane, right = rng.standard_normal(len(u)), rng.standard_normal(len(u))
     step, _ = equations.linearise(u).solve(plane, right)
