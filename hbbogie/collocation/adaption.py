@@ -15,6 +15,7 @@ from hbbogie.solving.arclength import correct
 from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
+RESIDUAL = 1e-7  # largest scaled residual from which one more step of Newton is taken
 COARSER = 1e-4  # share of the tolerance below which there are too many intervals
 FLOOR = 1e-2  # size of the smallest cycle, relative to the largest, in which it is scaled
 
@@ -24,7 +25,7 @@ def curve_at(equations: OnMesh, u: Array, interval: tuple[float, float], longest
     ranges = np.ptp(equations.unpack(u)[0], axis=(0, 1))
     largest = np.maximum(largest, ranges)
     scaled = replace(equations.at_phase(u), size=np.maximum(ranges, FLOOR * largest))
-    return OnMeshCurve(scaled, interval, longest, largest, 1e-9)
+    return OnMeshCurve(scaled, interval, longest, largest, RESIDUAL)
 
 
 def lifted(equations: OnMesh, tangent: Array, mesh: Array | None = None, m: int | None = None) -> Array:

@@ -210,7 +210,7 @@ def _walk(
             return stretches, Ending("closed", "the branch closes on itself")
         if count >= most:
             return stretches, Ending("points", f"the largest number of points, {most}, was reached")
-        length = min(1.5 * gap(curve, points[-2], points[-1]), longest)
+        length = min(gap(curve, points[-2], points[-1]), longest)
         there = refined(curve, points[-1], tolerance)
         if there is None:
             what = f"no further point was found beyond {curve.where(points[-1].u)}: the mesh could not be adapted"
