@@ -104,7 +104,7 @@ def branch_of(followed: Followed, system: System, start: Orbit | SpecialPoint, *
         orbits.insert(s.place + 1, special.orbit)
     if isinstance(start, SpecialPoint) and start.kind == "hopf":
         at = system.with_parameters(**{parameter: start.value})
-        met.insert(0, onset(start, at, [point for _, point in points]) if stability else start)
+        met.insert(0, onset(start, at, followed.values.tolist()) if stability else start)
     return Branch(tuple(orbits), parameter, tuple(met), followed.ends)
 
 

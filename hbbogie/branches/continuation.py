@@ -16,8 +16,8 @@ from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.switching import first_beyond
-from hbbogie.errors import ModelError, door
 from hbbogie.collocation.method import CollocationEquations
+from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie import fourier
+from hbbogie.brief import brief
 from hbbogie.collocation.mesh import equidistributed, evaluated, gauss, points_of
 from hbbogie.model.system import System
 from hbbogie.results.orbit import Orbit, Stability
@@ -67,6 +68,8 @@ class CollocatedCycle:
     waveform_error: float = float("nan")
     stability: Stability | None = None
     status: str = ""
+
+    __repr__ = brief
 
     @property
     def n(self) -> int:

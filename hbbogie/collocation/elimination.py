@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
+
 Array = NDArray[np.float64]
 WIDTH = 16  # rows of a group of intervals: a few at once for small systems, for which the calls cost more than the sums
 
@@ -35,6 +37,8 @@ class Level:
     between: Array
     border: Array
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
@@ -54,6 +58,8 @@ class Reduced:
     D: Array
     G: Array
     border: Array
+
+    __repr__ = brief
 
     @property
     def matrix(self) -> Array:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.collocation.elimination import Reduced, reduced
 from hbbogie.collocation.mesh import Gauss, evaluated, gauss, points_of
 from hbbogie.collocation.rates import Rates
@@ -43,6 +44,8 @@ class OnMesh:
     width: float
     p: Array
     reference: Array
+
+    __repr__ = brief
 
     @property
     def N(self) -> int:
@@ -158,6 +161,8 @@ class Linearised:
     phase: Array
     reduced: Reduced | None = None
     transitions: Array | None = None
+
+    __repr__ = brief
 
     @property
     def stages(self) -> Array:

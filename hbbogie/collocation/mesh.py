@@ -9,6 +9,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
+
 Array = NDArray[np.float64]
 FLOOR = 0.1  # share of its mean below which the density of a mesh does not fall
 
@@ -37,6 +39,8 @@ class Gauss:
     d: Array
     to_legendre: Array
     leading: Array
+
+    __repr__ = brief
 
     @property
     def m(self) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hbbogie.brief import brief
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import collocated
@@ -81,6 +82,8 @@ class CollocationEquations:
 
     system: System
     collocation: Collocation
+
+    __repr__ = brief
 
     @property
     def method(self) -> str:

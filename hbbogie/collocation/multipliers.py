@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig
 
+from hbbogie.brief import brief
 from hbbogie.collocation.equations import Linearised
 from hbbogie.results.orbit import Stability
 from hbbogie.stability.multipliers import sides
@@ -39,6 +40,8 @@ class Spectrum:
     vectors: Complex
     divergence: float
     singular: float
+
+    __repr__ = brief
 
     @property
     def trivial(self) -> int:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.collocation.adaption import lifted
 from hbbogie.collocation.curve import OnMeshCurve
 from hbbogie.collocation.cycle import CollocatedCycle
@@ -49,6 +50,8 @@ class Special:
     status: str
     curvature: float = float("nan")
     place: int = 0
+
+    __repr__ = brief
 
     @property
     def cycle(self) -> CollocatedCycle:

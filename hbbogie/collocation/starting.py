@@ -13,6 +13,7 @@ from scipy.integrate import LSODA
 from scipy.interpolate import CubicHermiteSpline
 
 from hbbogie import fourier
+from hbbogie.brief import brief
 from hbbogie.collocation.cycle import CollocatedCycle, cycle_of
 from hbbogie.collocation.mesh import points_of, spread
 from hbbogie.collocation.rates import Rates
@@ -49,6 +50,8 @@ class Sampled:
     samples: Array
     period: float
     parameters: dict[str, float]
+
+    __repr__ = brief
 
     def on(self, N: int, degree: int) -> CollocatedCycle:
         """Return the motion on a mesh of N intervals: half by the number of samples, half by arclength."""

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.collocation.adaption import adapted_to, curve_at, error_at, refined
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
@@ -35,6 +36,8 @@ class Stretch:
     curve: OnMeshCurve
     points: list[Point]
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Followed:
@@ -52,6 +55,8 @@ class Followed:
     stretches: list[Stretch]
     ends: tuple[Ending, Ending]
     tolerance: float
+
+    __repr__ = brief
 
     def points(self) -> Iterator[tuple[OnMeshCurve, Point]]:
         """Yield the points in order, each once."""

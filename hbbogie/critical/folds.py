@@ -25,7 +25,7 @@ FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its valu
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
-@door(equations=Equations, guess=(Orbit, SpecialPoint), parameter=str)
+@door(equations=(Equations, CollocationEquations), guess=(Orbit, SpecialPoint), parameter=str)
 def fold(
     equations: Equations | CollocationEquations,
     guess: Orbit | SpecialPoint,
