@@ -14,8 +14,10 @@ from hbbogie.branches.closed_form import exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import _family, crossings
 from hbbogie.branches.motions import recurrences, sample_distance
+from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, of_prime_period, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
+from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
@@ -37,6 +39,7 @@ from hbbogie.stability.verification import verify
 Array = NDArray[np.float64]
 COARSE = 15  # highest harmonic with which branches are followed
 FINER = (31, 63)  # with which a candidate is tried again where shooting does not close it
+UNRESOLVED = 1e-2  # tail of an orbit beyond which collocation is tried before shooting
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
@@ -67,10 +70,11 @@ class Census:
         width = BEYOND * (interval[1] - interval[0])
         self.span = check_interval(system, parameter, (interval[0] - width, interval[1] + width))
         self.branches = find_equilibria(system, parameter, self.span, start=start)
-        self.hopf = self.branches.special("hopf")
+        self.hopf = _distinct(self.branches.special("hopf"))
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
-        self.failures = 0
+        self.failures, self.unsettled = 0, 0
+        self.marks: list[Array] = []
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
         self.evidence += [f"{at}: {e.text(system.coordinate_names)}" for e in self.equilibria]
@@ -170,6 +174,14 @@ class Census:
                 return "came to rest"
             elif met.kind == "unbounded":
                 return "left every bound"
+        if self.unsettled < MOST_FAILURES:
+            if (motion := settled(self.system, x, backwards=sense)) is not None:
+                if on_one_of(motion, self.marks):
+                    return "came to a cycle found already"
+                if (cycle := solved(self.system, motion)) is not None:
+                    self._keep(cycle.orbit(), f"a motion from {where}", cycle.mark())
+                    return "came to a cycle"
+            self.unsettled += 1
         said = f"a motion from {where} has neither settled nor come back to itself"
         self.evidence += [said] if said not in self.evidence else []
         return "undecided"
@@ -189,17 +201,20 @@ class Census:
         self._keep(polished, origin)
         return True
 
-    def _keep(self, polished: Orbit, origin: str) -> None:
-        """Add a cycle to those found, if it is new."""
+    def _keep(self, polished: Orbit, origin: str, mark: Array | None = None) -> None:
+        """Add a cycle to those found, if it is new; its mark tells it from others better than that of its harmonics."""
         same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
         if same is None:
             self.found.append(polished)
+            self.marks.append(signature(polished) if mark is None else mark)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
         elif _unknown(self.found[same]) and not _unknown(polished):
             self.found[same] = polished
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
-        """Return the cycle that shooting leads to, or, where it cannot, the one that more harmonics confirm."""
+        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm."""
+        if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
+            return cycle.orbit()
         finer, resolved = orbit, False
         for H in (0, *finer_harmonics):
             try:
@@ -213,6 +228,8 @@ class Census:
                 continue
             except FAILURES:
                 break
+        if orbit.tail <= UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
+            return cycle.orbit()
         if not resolved or finer.tail > CONVERGED**0.5:
             return None
         stability = floquet(self.system, finer)
@@ -247,6 +264,17 @@ class Census:
         closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
         about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
         self.evidence.insert(0, f"no cycle at {self.parameter} = {self.value:.6g}: {about}; {text}")
+
+
+def _distinct(points: list[SpecialPoint]) -> list[SpecialPoint]:
+    """Return the Hopf points that differ in value, frequency or equilibrium."""
+    kept: list[SpecialPoint] = []
+    for point in points:
+        mark = np.append([point.value, point.omega], point.orbit.coefficients[0])
+        marks = (np.append([other.value, other.omega], other.orbit.coefficients[0]) for other in kept)
+        if not any(np.allclose(mark, other, rtol=1e-6, atol=1e-9) for other in marks):
+            kept.append(point)
+    return kept
 
 
 def _unknown(orbit: Orbit) -> bool:

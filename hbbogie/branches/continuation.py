@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.bifurcations import special_points
 from hbbogie.branches.closed_form import exact_trace
+from hbbogie.branches.collocated import collocated_trace
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.switching import first_beyond
+from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
@@ -34,9 +36,9 @@ SHORTEST = 1e-7  # step at which the continuation gives up
 CAREFUL = 0.05  # longest first step from a Hopf point, in units of the usual one
 
 
-@door(equations=(Equations, ExactEquations), start=(Orbit, SpecialPoint), parameter=str)
+@door(equations=(Equations, ExactEquations, CollocationEquations), start=(Orbit, SpecialPoint), parameter=str)
 def trace(
-    equations: Equations | ExactEquations,
+    equations: Equations | ExactEquations | CollocationEquations,
     start: Orbit | SpecialPoint,
     parameter: str,
     interval: tuple[float, float],
@@ -54,9 +56,10 @@ def trace(
 
     Parameters
     ----------
-    equations : Equations or ExactEquations
+    equations : Equations, ExactEquations or CollocationEquations
         In closed form step lengths are chosen from the curvature, every cycle is judged, and branches that begin at
-        special points other than Hopf points are not followed.
+        special points other than Hopf points are not followed. By collocation the tolerance is that given there, and
+        families do not occur.
     start : Orbit or SpecialPoint
         A cycle on or near the branch. From a Hopf point the branch is followed towards growing amplitude, beginning
         where a gap first closes if the system is linear until then; from a branch point the branch that crosses;
@@ -104,8 +107,9 @@ def trace(
     H. B. Keller, in Applications of Bifurcation Theory, Academic Press 1977, 359-384 (eq-arclength).
     """
     lo, hi = check_interval(equations.system, parameter, interval)
-    if isinstance(equations, ExactEquations):
-        return exact_trace(equations, start, parameter, (lo, hi), max_points)
+    if not isinstance(equations, Equations):
+        steps = step, longest, max_points
+        return _beside_the_waist(equations, start, parameter, (lo, hi), steps, stability, progress)
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(
             f"trace: step={step}, longest={longest}, max_points={max_points}; need 0 < step <= longest, 2 points."
@@ -170,6 +174,21 @@ def _traced(
     if judge and time_is_over() and end.kind != "limit":
         end = Ending("limit", f"{end.what}, and not all cycles were judged before the time limit", "raise limit")
     return Branch(tuple(orbits), parameter, met, (_said(beginning), _said(end)))
+
+
+def _beside_the_waist(
+    equations: ExactEquations | CollocationEquations,
+    start: Orbit | SpecialPoint,
+    parameter: str,
+    interval: tuple[float, float],
+    steps: tuple[float, float, int],
+    stability: bool,
+    progress: Progress | None,
+) -> Branch:
+    """Follow a branch of equations that have a walk of their own."""
+    if isinstance(equations, ExactEquations):
+        return exact_trace(equations, start, parameter, interval, steps[-1])
+    return collocated_trace(equations, start, parameter, interval, steps, stability, progress)
 
 
 def _begin(curve: CycleCurve, start: Orbit | SpecialPoint) -> tuple[Point, bool]:

@@ -26,6 +26,7 @@ from hbbogie.stability.multipliers import floquet
 Array = NDArray[np.float64]
 LATE = "the time limit was reached"
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
+POLISHED = ("multiple shooting", "exact", "collocation")  # methods whose frequency needs no harmonics
 
 
 @door(system=System, parameter=str)
@@ -122,8 +123,7 @@ def find_cycles(
         if not found and not late:
             census.say_none()
         if harmonics == "auto":
-            exact = ("multiple", "exact")
-            judged = [_enough(o, tolerance) if o.method.startswith(exact) else o for o in once_each(found)]
+            judged = [_enough(o, tolerance) if o.method.startswith(POLISHED) else o for o in once_each(found)]
         else:
             judged = _balanced(census, once_each(found), int(harmonics), stability)
     judged = [o if stability else o.replace(stability=None) for o in judged]

@@ -22,6 +22,7 @@ CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
 PER_PERIOD = 40  # samples of a period of the linear motion
 TOLERANCE = 1e-7  # of the integration
 SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
+NEAR = 0.1  # distance from an equilibrium, likewise, beyond which a motion that hardly moves is not at rest
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
@@ -92,9 +93,9 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         x, elapsed = states[-1], elapsed + CHUNK * h
         late = states[CHUNK // 2 :]
         spread = np.ptp(late, axis=0)
-        if (spread <= SMALL * size).all() and (
-            np.ptp(states[-CHUNK // 4 :], axis=0) <= 0.9 * spread + 1e-9 * size
-        ).all():
+        calm = (spread <= SMALL * size).all()
+        calm = calm and (np.ptp(states[-CHUNK // 4 :], axis=0) <= 0.9 * spread + 1e-9 * size).all()
+        if calm and _near_equilibrium(system, x, p, size):
             yield Recurrence("rest", None, elapsed)
             return
         found = _recurrence(states, spread)
@@ -123,6 +124,15 @@ def _alike(mark: Array, known: Array, width: Array) -> bool:
     times = known[0] / mark[0]
     same_period = abs(times / max(1, round(times)) - 1) < LIKE
     return bool(same_period and (np.abs(mark - known)[1:] < LIKE * width).all())
+
+
+def _near_equilibrium(system: System, x: Array, p: Array, size: Array) -> bool:
+    """Tell whether a Newton step to an equilibrium is small; on the slow part of a relaxation cycle it is not."""
+    try:
+        step = np.linalg.lstsq(system.state_matrix(x, p), system.ode(x, p).full().ravel(), rcond=1e-12)[0]
+    except (ConvergenceError, np.linalg.LinAlgError):
+        return True
+    return bool((np.abs(step) <= NEAR * size).all())
 
 
 def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:

@@ -31,7 +31,7 @@ def compare(
     name: Problem,
     methods: Annotated[
         str | None,
-        typer.Option(metavar="LIST", help="Methods, separated by commas: df1, df2, mhb with a harmonic, exact."),
+        typer.Option(metavar="LIST", help="Methods, by commas: df1, df2, mhb with a harmonic, exact, collocation."),
     ] = None,
     values: Annotated[
         str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
