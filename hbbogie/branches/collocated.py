@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from hbbogie import fourier
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.first_cycle import first_cycle
@@ -22,6 +24,7 @@ from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
 
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle
+SMALLEST = 1e-3  # amplitude of the first cycle from a Hopf point, relative to the mean of each coordinate
 NEAR = 0.05  # share of a fold's value, or of 1, over which it is looked for
 
 
@@ -42,7 +45,7 @@ def followed_from(
     special = start if isinstance(start, SpecialPoint) else None
     from_hopf = special is not None and special.kind == "hopf"
     if special is not None and from_hopf:
-        origin = first_cycle(HarmonicBalance(1).equations(system), special)
+        origin = _visible(first_cycle(HarmonicBalance(1).equations(system), special))
     else:
         origin = (start.onward or start.orbit) if isinstance(start, SpecialPoint) else start
     value = origin.parameters.get(parameter, system.values[parameter])
@@ -79,6 +82,15 @@ def collocated_trace(
         equations, start, parameter, interval, step=step, longest=longest, max_points=most, progress=progress
     )
     return branch_of(followed, equations.system, start, stability=stability)
+
+
+def _visible(small: Orbit) -> Orbit:
+    """Return a small cycle about a mean in a size that is told from round-off."""
+    c = small.coefficients.copy()
+    size, mean = np.hypot(c[1], c[2]), np.abs(c[0])
+    moving = size > 1e-6 * size.max()
+    c[1:] *= max(1.0, float((SMALLEST * mean[moving] / size[moving]).max()))
+    return small.replace(coefficients=c)
 
 
 def branch_of(followed: Followed, system: System, start: Orbit | SpecialPoint, *, stability: bool = True) -> Branch:
