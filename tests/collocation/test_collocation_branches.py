@@ -58,6 +58,7 @@ def test_homoclinic_approach():
     assert [s.kind for s in followed.special(("fold",))] == ["fold"]
 
 
+@pytest.mark.slow
 def test_unstable_cycle_of_hodgkin_huxley():
     """At I = 8.5 the cycle that begins at the Hopf point 9.779637995 has the period 12.62222; three folds follow."""
     system = hodgkin_huxley()
