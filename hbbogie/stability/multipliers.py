@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 MARGIN = 5.0  # a multiplier this many trivial errors from the unit circle has a side
+CANDIDATES = 0.3  # distance from 1 up to which a multiplier may be the trivial one
 ALIGNED = 0.999  # cosines of angles with the motion's direction, relative to the largest, that are as good as equal
 
 
@@ -188,7 +189,7 @@ def judge(
     values, vectors = np.linalg.eig(matrix)
     order = np.argsort(-np.abs(values), kind="stable")
     values, vectors = values[order].astype(complex), level @ vectors[:, order]
-    trivial = _trivial(values, vectors, tolerance, motion)
+    trivial = _trivial(values, vectors, motion)
     multipliers = values**parts
     error, liouville = float(abs(multipliers[trivial] - 1)), abs(log_det - trace) / max(1.0, abs(trace))
     doubt = ""
@@ -221,10 +222,13 @@ def judge(
     return Stability(verdict, values[order] ** parts, error, outside, reason, halves, critical, mode)
 
 
-def _trivial(values: Complex, vectors: Complex, tolerance: float, motion: Motion | None) -> int:
-    """Return the place of the trivial multiplier: of those near 1 the one whose vector is the motion's direction."""
+def _trivial(values: Complex, vectors: Complex, motion: Motion | None) -> int:
+    """Return the place of the trivial multiplier: of those near 1 the one whose vector is the motion's direction.
+
+    Of a cycle that is not resolved another one may be nearer.
+    """
     distance = np.abs(values - 1)
-    near = np.flatnonzero(distance <= tolerance)
+    near = np.flatnonzero(distance <= CANDIDATES)
     if motion is None or len(near) < 2 or not np.isfinite(motion.rate).all():
         return int(np.argmin(distance))
     size = np.where(motion.size > 0, motion.size, 1.0)
