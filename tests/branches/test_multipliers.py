@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 import hbbogie as hb
 from hbbogie import Coordinate, HarmonicBalance, Parameter, System
-from hbbogie.branches.multiplier_paths import crossings_of
 
 SHEAR, TURN = 2.0, 0.7  # of the frequency with the amplitude, and of the coupling
 
@@ -58,35 +55,22 @@ def test_how_many_cross_together(N):
     assert all(f"{N - 1} multipliers cross together" in s.status for s in crossing)
 
 
-def probe(multipliers: list[complex], error: float) -> SimpleNamespace:
-    known = None if error > 1e-2 else (False, np.array(multipliers, dtype=complex))
-    return SimpleNamespace(
-        multipliers=known,
-        half=None if known is None else False,
-        orbit=SimpleNamespace(stability=SimpleNamespace(trivial_error=error)),
-    )
-
-
-def test_within_the_error_is_no_crossing():
-    """One multiplier to and fro by less than its error, another through the circle; a point not trusted between."""
-    path = [
-        ([0.999, -0.5], 1e-3),
-        ([1.002, -0.8], 1e-3),
-        ([0.9, -0.9], 0.5),
-        ([-1.3, 0.998], 1e-3),
-        ([-1.8, 1.001], 1e-3),
-    ]
-    (crossing,) = crossings_of([probe(m, error) for m, error in path])
-    assert crossing.outward and crossing.places == (1, 3) and crossing.step() is None
-    assert np.exp(crossing.logs[-1]).real == pytest.approx(-1.3)
-
-
-def test_the_size_does_not_swap_them():
-    """Two that change places by size on opposite sides of the axis are followed by their angle."""
-    path = [[0.9, -0.7], [0.8, -0.9], [0.7, -1.1]]
-    (crossing,) = crossings_of([probe(m if k % 2 else m[::-1], 1e-8) for k, m in enumerate(path)])
-    assert crossing.logs[-1].imag == pytest.approx(np.pi) and not crossing.positive
-    assert crossing.step()[:2] == (1, 2)
+def test_a_flip_and_a_change_of_order():
+    """A Moebius strip: a disturbance (a, b) of the circle s = 1 makes half a turn a period, and a grows like m."""
+    x, y, a, b, m = (*(Coordinate(name) for name in "xyab"), Parameter("m", -0.3))
+    s = x * x + y * y
+    # in the frame that turns by t / 2 the rates are m along the first axis and -0.2 along the second
+    mean, half = (m - 0.2) / 2, (m + 0.2) / 2
+    along = mean * a + half * (x * a + y * b) - b / 2, mean * b + half * (y * a - x * b) + a / 2
+    equations = [x.dot - (x - y - s * x), y.dot - (y + x - s * y), a.dot - along[0], b.dot - along[1]]
+    system = System("strip", [x, y, a, b], [m], equations)
+    c = np.zeros((3, 4))
+    c[1, 0] = c[2, 1] = 1.0
+    start = hb.Orbit("strip", ("x", "y", "a", "b"), ("",) * 4, c, 1.0, {"m": -0.3})
+    branch = hb.trace(HarmonicBalance(3).equations(system), start, "m", (-0.4, 0.4), longest=0.1)
+    (flip,) = branch.special  # exp(2 pi m) and exp(-0.4 pi), both with the sign of a half turn; equal at m = -0.2
+    assert flip.kind == "period doubling" and "together" not in flip.status
+    assert flip.value == pytest.approx(0.0, abs=1e-7)
 
 
 def test_a_cycle_that_the_harmonics_do_not_resolve_is_judged_polished():
