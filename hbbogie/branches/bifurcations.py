@@ -13,6 +13,7 @@ from hbbogie import fourier
 from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.multiplier_points import Located, with_multipliers
+from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.branches.switching import crossing
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.solving.arclength import distance, located
@@ -235,9 +236,10 @@ def _special(
         breaks = fourier.is_odd(orbit.coefficients, NEARLY_ODD) and not fourier.is_odd(onward.coefficients, NEARLY_ODD)
         name, what = ("pitchfork", "the symmetry breaks") if breaks else ("branch point", "another branch crosses")
         status = f"{what}; smallest singular value {abs(at.value(kind)):.1e} where located"
+    if kind == "fold" and (doubt := doubt_at_fold(curve.equations.system, at.cycle)):
+        status += f"; {doubt}"
     s = orbit.stability
-    # at a fold the trivial multiplier meets another, and carries the root of the error
-    if s is not None and s.trivial_error > (TRUSTED**0.5 if kind == "fold" else TRUSTED):
+    if s is not None and kind != "fold" and s.trivial_error > TRUSTED:
         status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
     interval = value - reach, value + reach
     return SpecialPoint(name, curve.parameter, value, interval, orbit, status, onward, extremum=extremum)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
 from hbbogie.critical.fold_curve import FoldCurve
-from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane
+from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane, unresolved
 from hbbogie.critical.hopf_curve import HopfCurve
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
@@ -227,6 +227,7 @@ class _Search:
         """Return what was found."""
         hopf = tuple(self._hopf_curve(found) for found in self.hopf)
         folds = tuple(self._fold_curve(found) for found in self.folds)
+        self.notes += filter(None, (unresolved(found, self.names[1]) for found in self.folds))
         ranges = [_gaps(curves, self.interval) for curves in (folds, hopf)]
         system, (name, over) = self.equations.system, self.names
         units = [system.parameter(n).unit for n in self.names]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from hbbogie.branches.continuation import trace
+from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.equilibria.census import Start
@@ -18,7 +19,7 @@ from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
 from hbbogie.results.branch import SpecialPoint
 from hbbogie.results.critical import Critical
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.failure import FAILURES, ConvergenceError
 
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 NEAR = 0.1  # relative distance in frequency up to which a fold in closed form is the same
@@ -83,7 +84,7 @@ def critical_speeds(
         # a branch between two Hopf points is traced from both
         located += [new for new in branch.folds() if not any(coincide(new, other) for other in located)]
     for special in located:
-        critical = _with_error(system, _polished(fine, special), special.value if harmonics > COARSE else None)
+        critical = _refined(system, _polished(fine, special), special, harmonics)
         if lo <= critical.value <= hi and not any(coincide(critical, other) for other in found):
             found.append(critical)
     return sorted(found, key=lambda c: c.value)
@@ -110,21 +111,44 @@ def _polished(equations: Equations, special: SpecialPoint) -> Critical:
         )
 
 
-def _with_error(system: System, critical: Critical, coarse: float | None) -> Critical:
-    """Return a fold with the error of harmonics left out, from the fold in closed form or one of fewer harmonics."""
-    if critical.extremum == "minimum":
+def _refined(system: System, critical: Critical, special: SpecialPoint, harmonics: int) -> Critical:
+    """Return a fold with the error of harmonics left out, and with twice as many where its cycle is not resolved.
+
+    The error is the distance from the fold in closed form, where there is one, else from one of fewer harmonics.
+    """
+    exact = _closed_form(system, critical)
+    if exact is not None:
+        return exact
+    coarse = special.value if harmonics > COARSE else None
+    before, doubt = COARSE, doubt_at_fold(system, critical.orbit)
+    if doubt:
+        H = 2 * harmonics + 1
         try:
-            exact = fold_near(system, critical.orbit, critical.parameter)
-        except (ConvergenceError, ModelError):  # not linear between switchings, or too far away
-            pass
-        else:
-            if abs(exact.omega / critical.omega - 1) <= NEAR:
-                status = f"{critical.status}; the fold in closed form lies at {exact.value:.12g}"
-                return replace(critical, error=abs(critical.value - exact.value), status=status)
+            finer = fold(HarmonicBalance(H).equations(system), critical.orbit, critical.parameter, search=False)
+        except FAILURES:
+            return replace(critical, status=f"{critical.status}; {doubt}, there is no such fold near by with {H}")
+        coarse, before, critical = critical.value, harmonics, finer
+        critical = replace(critical, status=f"{critical.status}; with {H} harmonics")
+        doubt = doubt_at_fold(system, critical.orbit)
+    status = critical.status + (f"; {doubt}" if doubt else "")
     if coarse is None:
-        return critical
-    status = f"{critical.status}; error estimated from {COARSE} harmonics, which is no bound"
+        return replace(critical, status=status)
+    status += f"; error estimated from {before} harmonics, which is no bound"
     return replace(critical, error=abs(critical.value - coarse), status=status)
+
+
+def _closed_form(system: System, critical: Critical) -> Critical | None:
+    """Return a fold with its distance from the one in closed form; None where there is none."""
+    if critical.extremum != "minimum":
+        return None
+    try:
+        exact = fold_near(system, critical.orbit, critical.parameter)
+    except (ConvergenceError, ModelError):  # not linear between switchings, or too far away
+        return None
+    if abs(exact.omega / critical.omega - 1) > NEAR:
+        return None
+    status = f"{critical.status}; the fold in closed form lies at {exact.value:.12g}"
+    return replace(critical, error=abs(critical.value - exact.value), status=status)
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:

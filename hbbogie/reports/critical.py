@@ -57,6 +57,8 @@ def critical_of(
         return Report(system.name, notes=(note,))
     first = found[0]
     notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}."]
+    if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
+        notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
     if found[-1].extremum == "maximum":
         notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
     progress("where rest and cycles coexist", None)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hbbogie.results.ending import Ending
 from hbbogie.results.netcdf import read, write
-from hbbogie.results.orbit import Orbit, labels_of, pack, unpack
+from hbbogie.results.orbit import NOT_RESOLVED, Orbit, labels_of, pack, unpack
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,6 +59,11 @@ class SpecialPoint:
     onward: Orbit | None = None
     criticality: str = ""
     extremum: str = ""
+
+    @property
+    def resolved(self) -> bool:
+        """Whether nothing speaks against the point: of a fold, that the multipliers of its cycle meet at 1."""
+        return NOT_RESOLVED not in self.status
 
     @property
     def omega(self) -> float:

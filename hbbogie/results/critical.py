@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hbbogie.results.orbit import Orbit
+from hbbogie.results.orbit import NOT_RESOLVED, Orbit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,6 +44,11 @@ class Critical:
     curvature: float
     status: str
     error: float = float("nan")
+
+    @property
+    def resolved(self) -> bool:
+        """Whether nothing speaks against the point: of a fold, that the multipliers of its cycle meet at 1."""
+        return NOT_RESOLVED not in self.status
 
     @property
     def elasticities(self) -> dict[str, float]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import Critical
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.critical.lowest import all_folds, lowest_fold, warm_fold
@@ -106,6 +107,8 @@ def smallest_critical(
     text = f"fold at {first.value:.6g}" if first is not None else f"no fold {where}"
     if first is not None and not first.gradient:
         text += ", without gradient"
+    if first is not None and (doubt := doubt_at_fold(system, first.orbit)):
+        text += f", {doubt}"
     ends = [f"from the Hopf point at {h.value:.6g}: {f.end}" for h, f in zip(points, followed, strict=True)]
     status = "; ".join([text, *ends])
     return outputs | {"folds": len(folds), "hopfs": len(points), "status": status, "failed": failed}
