@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import _family, crossings
+from hbbogie.branches.crossing import crossings, family_message
 from hbbogie.branches.motions import recurrences, sample_distance
 from hbbogie.branches.same import alike, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
-from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.conserved import conserved_quantities
@@ -64,7 +63,7 @@ class Census:
         self.hopf = self.branches.special("hopf")
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
-        self.failures = 0
+        self.failures, self.family = 0, ""
         self.undecided: list[str] = []
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
@@ -183,7 +182,8 @@ class Census:
             size = np.abs(orbit.coefficients).sum(axis=0)
             states = np.append(size, orbit.omega * size[list(system.second_order)])
             if not len(conserved_quantities(system, system.vector(), states)):
-                raise ModelError(_family(self.parameter, self.value))
+                self.family = family_message(system, self.parameter, found)
+                raise ConvergenceError(self.family, orbit=orbit)
         errors = {"omega": max(checked.closure, EXACT) * found.omega, "waveform": max(checked.closure, EXACT)}
         errors |= {c: max(checked.closure, EXACT) * peak for c, peak in checked.amplitudes.items()}
         return found.replace(errors=errors)
@@ -199,7 +199,8 @@ class Census:
         rest = nearest.orbit.coefficients[0] if nearest else np.zeros(self.system.n)
         closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
         about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
-        self.evidence.insert(0, f"no cycle at {self.parameter} = {self.value:.6g}: {about}; {text}")
+        still = f"; {len(self.undecided)} motions stay undecided" if self.undecided else ""
+        self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
 
 
 def _unknown(orbit: Orbit) -> bool:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.branches.census import Census
-from hbbogie.branches.crossing import _family
+from hbbogie.branches.crossing import family_message
 from hbbogie.branches.judging import verified
 from hbbogie.branches.same import once_each, samples
 from hbbogie.branches.simulated import NEAR, settled_cycles
@@ -106,6 +106,10 @@ def find_cycles(
     census.follow_branches()
     census.simulate()
     found, undecided = census.found, census.undecided
+    if census.family and not found:
+        raise ModelError(census.family)
+    if census.family:
+        census.evidence.append(census.family)
     if not found:
         found, undecided = _longer(census)
     if not found and undecided:
@@ -135,8 +139,9 @@ def _longer(census: Census) -> tuple[list[Orbit], list[str]]:
                 return [polished], []
             census.evidence.append(f"motions of up to the longest time: {error}")
             return [], [str(error)]
-        if not all(_isolated(HarmonicBalance(H).equations(system), cycle) for cycle in settled):
-            raise ModelError(_family(name, census.value))
+        for cycle in settled:
+            if not _isolated(HarmonicBalance(H).equations(system), cycle):
+                raise ModelError(family_message(system, name, cycle))
         for cycle in settled:
             census.consider(cycle, "a motion that settles")
         census.evidence.append(f"motions of up to the longest time settle on {len(settled)} cycle(s)")

@@ -226,7 +226,7 @@ class _Search:
     def chart(self, secondary: bool) -> Chart:
         """Return what was found."""
         hopf = tuple(self._hopf_curve(found) for found in self.hopf)
-        folds = tuple(self._fold_curve(found) for found in self.folds)
+        folds = tuple(map(self._fold_curve, self.folds))
         self.notes += filter(None, (unresolved(found, self.names[1]) for found in self.folds))
         ranges = [_gaps(curves, self.interval) for curves in (folds, hopf)]
         system, (name, over) = self.equations.system, self.names
