@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import crossings, family_message
-from hbbogie.branches.motions import recurrences, sample_distance
+from hbbogie.branches.crossing import crossings, extent, family_message
+from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.same import alike, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.equilibria.census import Start
@@ -21,8 +21,7 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
-from hbbogie.motion.integration import initial_state
-from hbbogie.results import Orbit, SpecialPoint, Trajectory
+from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
@@ -81,10 +80,7 @@ class Census:
             except FAILURES as error:
                 self.evidence.append(f"{name} was not followed: {error}")
                 continue
-            low, high = float(branch.values.min()), float(branch.values.max())
-            self.evidence.append(
-                f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}"
-            )
+            self.evidence.append(extent(name, branch))
             for orbit in [
                 *_before(equations, hopf, branch.orbits[0], self.value),
                 *crossings(equations, branch, self.value),
@@ -98,7 +94,7 @@ class Census:
         size = sizes(system, self.equilibria, self.found, amplitude)
         starts = starts_of(system, self.equilibria, size)
         if self.start is not None:
-            starts = [("the start", _state(system, self.start))]
+            starts = [("the start", state_of(system, self.start))]
         eigenvalues = np.concatenate([e.eigenvalues for e in self.equilibria] or [np.empty(0, dtype=complex)])
         h = sample_distance(eigenvalues)
         for sense, there in (("", system), (" backwards in time", system.backwards())):
@@ -123,6 +119,8 @@ class Census:
                 orbit = _turned(met.orbit) if sense else met.orbit
                 if self.consider(orbit, f"a motion from {where}", near=True):
                     return "came to a cycle"
+                if self.family:
+                    return "came to one of a continuous family of cycles"
                 self.failures += 1
             elif met.kind == "known":
                 return "came to a cycle found already"
@@ -212,16 +210,6 @@ def _turned(orbit: Orbit) -> Orbit:
     c = orbit.coefficients.copy()
     c[2::2] *= -1  # of the sines
     return orbit.replace(coefficients=c)
-
-
-def _state(system: System, start: Start) -> Array:
-    """Return the state of a start, shape (n_states,)."""
-    if isinstance(start, Orbit | Trajectory | dict):
-        return initial_state(system, start)[1]
-    x = np.zeros(system.n_states)
-    given = np.asarray(start, dtype=float).ravel()
-    x[: len(given)] = given
-    return x
 
 
 def _before(equations: Equations, hopf: SpecialPoint, first: Orbit, value: float) -> list[Orbit]:

@@ -13,7 +13,9 @@ from hbbogie.branches.bifurcations import special_points
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
+from hbbogie.branches.motions import cycle_after, state_of
 from hbbogie.branches.switching import first_beyond
+from hbbogie.equilibria.census import Start
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
@@ -33,7 +35,7 @@ CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 
 def trace(
     equations: Equations,
-    start: Orbit | SpecialPoint,
+    start: Orbit | SpecialPoint | Start,
     parameter: str,
     interval: tuple[float, float],
     *,
@@ -50,11 +52,11 @@ def trace(
     Parameters
     ----------
     equations : Equations
-    start : Orbit or SpecialPoint
-        A cycle on or near the branch. From a Hopf point the branch is followed towards growing amplitude, beginning
-        where a gap first closes if the system is linear until then; from a branch point the branch that crosses;
-        from a pitchfork both asymmetric branches, through the symmetric cycle (the equations must keep even harmonics:
-        ``HarmonicBalance(H, odd=False)``); from a period doubling the cycles of twice the period (give twice
+    start : Orbit, SpecialPoint, Trajectory, mapping from name to value or sequence of float
+        A cycle on or near the branch, or a state: the motion from it leads to the cycle. From a Hopf point the branch
+        is followed towards growing amplitude, beginning where a gap first closes if the system is linear until then;
+        from a branch point the branch that crosses; from a pitchfork both asymmetric branches, through the symmetric
+        cycle (the equations must keep even harmonics: ``HarmonicBalance(H, odd=False)``); from a period doubling the cycles of twice the period (give twice
         the harmonics: their first is half the frequency). From any other point its own branch is followed.
     parameter : str
         Name of the continuation parameter.
@@ -100,6 +102,8 @@ def trace(
         )
     if equations.phase is None:
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
+    if not isinstance(start, Orbit | SpecialPoint):
+        start = cycle_after(equations.system, state_of(equations.system, start))
     special = start if isinstance(start, SpecialPoint) else None
     origin = start.orbit if isinstance(start, SpecialPoint) else start
     equations = within_level(equations.phased(origin), origin)

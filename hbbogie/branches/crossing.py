@@ -70,6 +70,12 @@ def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]
     return found
 
 
+def extent(name: str, branch: Branch) -> str:
+    """Return a sentence on where a branch, which has a name, was followed and why it ended."""
+    low, high = float(branch.values.min()), float(branch.values.max())
+    return f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}"
+
+
 def family_message(system: System, name: str, orbit: Orbit) -> str:
     """Return what to say where the cycles at a value of a parameter form a continuous family, and what to try.
 

@@ -11,9 +11,10 @@ from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
 from hbbogie.branches.same import signature
+from hbbogie.equilibria.census import Start
 from hbbogie.model.system import System
-from hbbogie.motion.integration import states_after
-from hbbogie.results import Orbit
+from hbbogie.motion.integration import initial_state, states_after
+from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
@@ -54,6 +55,38 @@ def sample_distance(eigenvalues: NDArray[np.complex128]) -> float:
         sizes = np.abs(eigenvalues[np.abs(eigenvalues) > 0])
         rate = float(np.median(sizes)) if len(sizes) else 1.0
     return float(2 * np.pi / rate / PER_PERIOD)
+
+
+def state_of(system: System, start: Start) -> Array:
+    """Return the state of a start, shape (n_states,)."""
+    if isinstance(start, Orbit | Trajectory | dict):
+        return initial_state(system, start)[1]
+    x = np.zeros(system.n_states)
+    given = np.asarray(start, dtype=float).ravel()
+    x[: len(given)] = given
+    return x
+
+
+def cycle_after(system: System, x: Array) -> Orbit:
+    """Return the cycle that the motion from a state comes to.
+
+    Raises
+    ------
+    ConvergenceError
+        Where it comes to rest, leaves every bound or is undecided.
+    """
+    kind, orbit = "undecided", None
+    h = sample_distance(np.linalg.eigvals(system.state_matrix(x, system.vector())).astype(complex))
+    size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max(initial=1e-300))
+    for met in recurrences(system, x, h, size, []):
+        kind, orbit = met.kind, met.orbit
+    if orbit is None or kind in ("rest", "unbounded"):
+        ends = {"rest": "comes to rest", "unbounded": "leaves every bound"}
+        raise ConvergenceError(
+            f"the motion from the start {ends.get(kind, 'has not come back to itself')}: there is no cycle to begin "
+            "with. What to try: another state, or a cycle of find_cycles."
+        )
+    return orbit
 
 
 def recurrences(system: System, x: Array, h: float, size: Array, known: list[Array]) -> Iterator[Recurrence]:

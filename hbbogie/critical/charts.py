@@ -246,12 +246,8 @@ class _Search:
             kind = {"fold": "folds", "hopf": "Hopf points"}[curve.kind]
             self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if end.kind not in EXPECTED]
         texts = [f"{system.parameter(n).description} {n}".strip() for n in self.names]
-        special = [
-            p
-            for kind, many in (("hopf", self.hopf), ("fold", self.folds))
-            for f in many
-            for p in self._special(kind, f)
-        ]
+        kinds = ("hopf", self.hopf), ("fold", self.folds)
+        special = [p for kind, many in kinds for f in many for p in self._special(kind, f)]
         return Chart(
             system=system.name,
             parameter=name,

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from hbbogie.branches.continuation import trace
+from hbbogie.branches.crossing import extent
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
@@ -18,7 +19,7 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
 from hbbogie.results.branch import SpecialPoint
-from hbbogie.results.critical import Critical
+from hbbogie.results.critical import Critical, CriticalValues
 from hbbogie.results.failure import FAILURES, ConvergenceError
 
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
@@ -35,7 +36,7 @@ def critical_speeds(
     harmonics: int = 21,
     start: Start | None = None,
     **values: float,
-) -> list[Critical]:
+) -> CriticalValues:
     """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
 
     Parameters
@@ -53,8 +54,9 @@ def critical_speeds(
 
     Returns
     -------
-    list of Critical
-        In increasing order of the value. The error of a fold is its distance from the fold in closed form where the
+    CriticalValues : list of Critical
+        In increasing order of the value. The list carries ``evidence``: equilibria, the branches followed and why each
+        ended. The error of a fold is its distance from the fold in closed form where the
         system is linear between switchings, else an estimate, if there are more than 15 harmonics; its status says
         which. Folds on branches that reach no Hopf point in the interval, or up to half
         of it beyond its ends, are not among them.
@@ -74,20 +76,25 @@ def critical_speeds(
     coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
     found: list[Critical] = []
     located: list[SpecialPoint] = []
-    for hopf in hopf_points(system, parameter, span, start=start):
+    points = hopf_points(system, parameter, span, start=start)
+    evidence = list(points.evidence)
+    for hopf in points:
+        name = f"the branch from the Hopf point at {parameter} = {hopf.value:.9g}"
         if lo <= hopf.value <= hi:
             found.append(hopf_gradient(system, hopf))
         try:
             branch = trace(coarse, hopf, parameter, span, families=False, stability=False)
-        except (ConvergenceError, ModelError):  # no cycle of the kept harmonics begins here
+        except (ConvergenceError, ModelError) as error:  # no cycle of the kept harmonics begins here
+            evidence.append(f"{name} was not followed: {error}")
             continue
+        evidence.append(extent(name, branch))
         # a branch between two Hopf points is traced from both
         located += [new for new in branch.folds() if not any(coincide(new, other) for other in located)]
     for special in located:
         critical = _refined(system, _polished(fine, special), special, harmonics)
         if lo <= critical.value <= hi and not any(coincide(critical, other) for other in found):
             found.append(critical)
-    return sorted(found, key=lambda c: c.value)
+    return CriticalValues(sorted(found, key=lambda c: c.value), evidence)
 
 
 def _polished(equations: Equations, special: SpecialPoint) -> Critical:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,11 +50,13 @@ def critical_of(
     name, own = default_interval(module, system, parameter)
     span = interval or own
     progress(f"critical values of {name}", None)
-    found = [_rounded(c, ZERO * (span[1] - span[0])) for c in critical_speeds(system, name, span)]
+    critical = critical_speeds(system, name, span)
+    found = [_rounded(c, ZERO * (span[1] - span[0])) for c in critical]
+    evidence = tuple(f"{sentence[0].upper()}{sentence[1:]}." for sentence in critical.evidence)
     unit = system.parameter(name).unit
     if not found:
         note = f"No Hopf point and no fold for {name} from {span[0]:g} to {span[1]:g} {unit}".rstrip() + "."
-        return Report(system.name, notes=(note,))
+        return Report(system.name, notes=(note, *evidence))
     first = found[0]
     notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}."]
     if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
@@ -71,10 +73,11 @@ def critical_of(
     figures: dict[str, Callable[[], Figure]] = (
         {"tornado": partial(_tornado, found)} if any(c.gradient and c.value for c in found) else {}
     )
-    data = {"critical": [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]}
+    data: dict[str, Any] = {"evidence": list(critical.evidence)}
+    data["critical"] = [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]
     data["coexistence"] = [{"interval": c.interval} for c in both]
     tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
-    return Report(f"{system.name}: critical values of {name}", tables, {}, figures, tuple(notes), data)
+    return Report(f"{system.name}: critical values of {name}", tables, {}, figures, (*notes, *evidence), data)
 
 
 def _rounded(c: Critical, size: float) -> Critical:

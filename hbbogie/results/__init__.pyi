@@ -5,6 +5,7 @@ from .chart import Chart as Chart
 from .chart import ChartPoint as ChartPoint
 from .chart import CriticalCurve as CriticalCurve
 from .critical import Critical as Critical
+from .critical import CriticalValues as CriticalValues
 from .cycles import Cycles as Cycles
 from .ending import Ending as Ending
 from .equilibria import Equilibria as Equilibria

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from hbbogie.results.orbit import NOT_RESOLVED, Orbit
@@ -55,3 +56,18 @@ class Critical:
         """Relative change of the value per relative change of each parameter [1]: d ln value / d ln p; NaN at 0."""
         p = self.orbit.parameters
         return {n: slope * p[n] / self.value if self.value else float("nan") for n, slope in self.gradient.items()}
+
+
+class CriticalValues(list[Critical]):
+    """Critical values by growing value: a list with the evidence behind it.
+
+    Parameters
+    ----------
+    values : iterable of Critical
+    evidence : iterable of str
+        What was searched, the branches followed and why each ended, what was not followed, sentences.
+    """
+
+    def __init__(self, values: Iterable[Critical] = (), evidence: Iterable[str] = ()):
+        super().__init__(values)
+        self.evidence = tuple(evidence)

@@ -63,7 +63,8 @@ def smallest_critical(
         ``critical``, the smallest critical value, and its ``kind``; ``fold`` and ``hopf``, the smallest of each;
         ``depth``, how far ``critical`` lies below ``hopf`` [%]; ``fold_omega``, ``hopf_omega`` [rad/s];
         ``fold_<coordinate>``, the peak of each nonlinear coordinate at the fold; numbers of ``folds`` and ``hopfs``;
-        and the gradients. "No fold" with the evidence is an answer; a branch that cannot be followed is not.
+        the gradients; and ``evidence``, what was searched for Hopf points. "No fold" is an answer; a branch that cannot
+        be followed is not.
     """
     if search not in SEARCHES:
         raise ModelError(f"job critical: {unknown_name('search', search, SEARCHES)}")
@@ -79,6 +80,7 @@ def smallest_critical(
             "kind": "",
             "folds": 0,
             "hopfs": 0,
+            "evidence": "; ".join(points.evidence),
             "status": f"no Hopf point {where}, and no branch to look for a fold on",
         }
     equations = HarmonicBalance(harmonics).equations(system)
@@ -93,9 +95,9 @@ def smallest_critical(
     if search != "all":
         folds, where = [c for c in folds if c.value < hopf.value], f"from {span[0]:g} to the Hopf point"
     first = min(folds, key=lambda c: c.value, default=None)
-    outputs: Outputs = {"kind": "hopf", "critical": hopf.value}
+    outputs: Outputs = {"kind": "hopf", "critical": hopf.value, "evidence": "; ".join(points.evidence)}
     if first is not None and first.value < hopf.value:
-        outputs = {"kind": "fold", "critical": first.value}
+        outputs |= {"kind": "fold", "critical": first.value}
     # a branch that got lost above the smallest critical value may still come down, but was not seen to
     failed = any(not f.complete and (f is followed[0] or f.lowest < outputs["critical"]) for f in followed)
     if hopf.value:

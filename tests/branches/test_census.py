@@ -148,5 +148,27 @@ def test_a_family_without_a_parameter_that_ends_it():
     """Lotka and Volterra's cycles about (1, 1) are a family for every a: said, and not an empty list."""
     x, y, a = C("x"), C("y"), P("a", 1.0)
     system = hb.System("prey", [x, y], [a], [x.dot - x * (a - y), y.dot + y * (1 - x)])
-    with pytest.raises(hb.ModelError, match="continuous family.*a parameter for damping"):
+    with pytest.raises(hb.ModelError, match=r"continuous family.*a parameter for damping"):
         hb.find_cycles(system, a=1.0)
+
+
+def test_a_branch_from_a_state():
+    """A motion of the predator and its prey comes to the cycle, which begins at K = 33/17; from rest there is none."""
+    system = predator_prey()
+    equations = hb.HarmonicBalance(15).equations(system.with_parameters(K=2.2))
+    options = {"stability": False, "max_points": 40}
+    for start in ({"n": 0.5, "q": 0.5}, [0.5, 0.5]):
+        branch = hb.trace(equations, start, "K", (1.5, 2.3), **options)
+        assert branch.values.min() == pytest.approx(33 / 17, abs=1e-3)
+    with pytest.raises(hb.ConvergenceError, match="comes to rest"):
+        hb.trace(hb.HarmonicBalance(5).equations(system.with_parameters(K=1.5)), [0.5, 0.5], "K", (1.0, 2.3))
+
+
+def test_critical_values_and_studies_carry_the_evidence():
+    system = predator_prey()
+    found = hb.critical_speeds(system, "K", (1.0, 3.0), harmonics=5)
+    assert [c.kind for c in found] == ["hopf"]
+    assert any("branch from the Hopf point at K = 1.94117647" in sentence for sentence in found.evidence)
+    assert any("starts of Newton's method" in sentence for sentence in found.evidence)
+    rows = hb.sweep("cycles", {"K": [1.5]}, problem=system, options={"parameter": "K", "harmonics": 5}, workers=0)
+    assert "no cycle was found at K = 1.5" in str(rows["evidence"].values[0])
