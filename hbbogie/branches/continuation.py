@@ -13,7 +13,7 @@ from hbbogie.branches.bifurcations import special_points
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
-from hbbogie.branches.motions import cycle_after, state_of
+from hbbogie.branches.motions import cycle_after
 from hbbogie.branches.switching import first_beyond
 from hbbogie.equilibria.census import Start
 from hbbogie.errors import ModelError
@@ -56,8 +56,9 @@ def trace(
         A cycle on or near the branch, or a state: the motion from it leads to the cycle. From a Hopf point the branch
         is followed towards growing amplitude, beginning where a gap first closes if the system is linear until then;
         from a branch point the branch that crosses; from a pitchfork both asymmetric branches, through the symmetric
-        cycle (the equations must keep even harmonics: ``HarmonicBalance(H, odd=False)``); from a period doubling the cycles of twice the period (give twice
-        the harmonics: their first is half the frequency). From any other point its own branch is followed.
+        cycle (the equations must keep even harmonics: ``HarmonicBalance(H, odd=False)``); from a period doubling the
+        cycles of twice the period (give twice the harmonics: their first is half the frequency). From any other point
+        its own branch is followed.
     parameter : str
         Name of the continuation parameter.
     interval : (float, float), unit of the parameter
@@ -97,13 +98,10 @@ def trace(
     """
     lo, hi = check_interval(equations.system, parameter, interval)
     if not (0 < step <= longest) or max_points < 2:
-        raise ModelError(
-            f"trace: step={step}, longest={longest}, max_points={max_points}; need 0 < step <= longest, 2 points."
-        )
+        raise ModelError(f"trace: {step=}, {longest=}, {max_points=}; need 0 < step <= longest, 2 points.")
     if equations.phase is None:
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
-    if not isinstance(start, Orbit | SpecialPoint):
-        start = cycle_after(equations.system, state_of(equations.system, start))
+    start = start if isinstance(start, Orbit | SpecialPoint) else cycle_after(equations.system, start)
     special = start if isinstance(start, SpecialPoint) else None
     origin = start.orbit if isinstance(start, SpecialPoint) else start
     equations = within_level(equations.phased(origin), origin)

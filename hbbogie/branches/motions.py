@@ -67,7 +67,7 @@ def state_of(system: System, start: Start) -> Array:
     return x
 
 
-def cycle_after(system: System, x: Array) -> Orbit:
+def cycle_after(system: System, start: Start) -> Orbit:
     """Return the cycle that the motion from a state comes to.
 
     Raises
@@ -75,6 +75,7 @@ def cycle_after(system: System, x: Array) -> Orbit:
     ConvergenceError
         Where it comes to rest, leaves every bound or is undecided.
     """
+    x = state_of(system, start)
     kind, orbit = "undecided", None
     h = sample_distance(np.linalg.eigvals(system.state_matrix(x, system.vector())).astype(complex))
     size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max(initial=1e-300))
