@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, extent, family_message
+from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
+from hbbogie.branches.onsets import beginnings
+from hbbogie.branches.relatives import relatives
 from hbbogie.branches.same import alike, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.equilibria.census import Start
@@ -72,9 +75,9 @@ class Census:
 
     def follow_branches(self) -> None:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
-        equations = HarmonicBalance(COARSE).equations(self.system)
-        for hopf in self.hopf:
-            name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}"
+        for hopf, which in (start for point in self.hopf for start in beginnings(self.system, point)):
+            equations = balance_about(self.system, COARSE, hopf.orbit)
+            name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}{which}"
             try:
                 branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
             except FAILURES as error:
@@ -131,9 +134,15 @@ class Census:
         self.undecided.append(f"a motion from {where} has neither settled nor come back to itself")
         return "undecided"
 
-    def consider(self, orbit: Orbit, origin: str, *, near: bool = False) -> bool:
+    def look_beside(self) -> None:
+        """Consider what each cycle found lets expect beside it."""
+        for orbit in self.found:  # which may grow meanwhile
+            for what, guess in relatives(self.system, orbit):
+                self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
+
+    def consider(self, orbit: Orbit, origin: str, *, near: bool = False, finer: tuple[int, ...] = FINER) -> bool:
         """Polish a candidate and keep the cycle, if it is new; tell whether there is one (near it, if asked)."""
-        polished = self.polished(orbit, () if near else FINER)
+        polished = self.polished(orbit, () if near else finer)
         if polished is None:
             if not near:
                 self.evidence.append(
@@ -158,7 +167,7 @@ class Census:
                 if H and H <= finer.H:
                     continue
                 if H:
-                    last, finer = finer, solve(HarmonicBalance(H).equations(self.system), finer, method="newton")
+                    last, finer = finer, solve(balance_about(self.system, H, finer), finer, method="newton")
                     resolved = abs(finer.omega / last.omega - 1) <= CONVERGED
                 return self._checked(finer)
             except ConvergenceError:

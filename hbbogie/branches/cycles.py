@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.branches.census import Census
 from hbbogie.branches.crossing import family_message
+from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.judging import verified
 from hbbogie.branches.same import once_each, samples
 from hbbogie.branches.simulated import NEAR, settled_cycles
@@ -105,11 +106,12 @@ def find_cycles(
     census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
     census.follow_branches()
     census.simulate()
+    census.look_beside()
     found, undecided = census.found, census.undecided
     if census.family and not found:
         raise ModelError(census.family)
     if census.family:
-        census.evidence.append(census.family)
+        census.evidence.append("a candidate is not isolated: it is one of a continuous family, or a fold is near")
     if not found:
         found, undecided = _longer(census)
     if not found and undecided:
@@ -152,8 +154,8 @@ def _longer(census: Census) -> tuple[list[Orbit], list[str]]:
 def _balanced(census: Census, found: list[Orbit], H: int, stability: bool) -> list[Orbit]:
     """Return the cycles of harmonic balance with harmonics up to H next to those found."""
     system, kept, failed = census.system, [], None
-    equations = HarmonicBalance(H).equations(system)
     for orbit in found:
+        equations = balance_about(system, H, orbit)
         try:
             near = solve(equations, orbit, method="newton")
             if abs(near.omega / orbit.omega - 1) > NEAR:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
-from hbbogie.branches.same import signature
+from hbbogie.branches.same import BLOCKS, signature
 from hbbogie.equilibria.census import Start
 from hbbogie.model.system import System
 from hbbogie.motion.integration import initial_state, states_after
@@ -139,7 +139,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
             orbit = _orbit(system, states, back, h, p)
             mark, width = (
                 signature(orbit),
-                np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), 3),
+                np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), BLOCKS),
             )
             if any(abs(mark[0] / k[0] - 1) < LIKE and (np.abs(mark - k)[1:] < LIKE * width).all() for k in known):
                 yield Recurrence("known", orbit, elapsed)

@@ -172,3 +172,51 @@ def test_critical_values_and_studies_carry_the_evidence():
     assert any("starts of Newton's method" in sentence for sentence in found.evidence)
     rows = hb.sweep("cycles", {"K": [1.5]}, problem=system, options={"parameter": "K", "harmonics": 5}, workers=0)
     assert "no cycle was found at K = 1.5" in str(rows["evidence"].values[0])
+
+
+def test_what_one_cycle_lets_expect():
+    """Roessler's equations beyond the period doubling: the cycle that goes round once, by shooting with DOP853."""
+    x, y, z, c = C("x"), C("y"), C("z"), P("c", 3.2)
+    system = hb.System("Roessler", [x, y, z], [c], [x.dot + y + z, y.dot - x - 0.2 * y, z.dot - 0.2 - z * (x - c)])
+    found = pairs(hb.find_cycles(system, c=3.2))
+    assert [v for _, v in found] == ["unstable", "stable"]
+    assert [T for T, _ in found] == pytest.approx([5.78971557, 11.53108104], rel=1e-7)
+
+
+def ring(N: int, m: float) -> hb.System:
+    """z' = z (m + 1 i - (1 - 1 i / 2) s) + 0.2 L z of N oscillators: L z is -N z for a wave, 0 in phase."""
+    m, q = P("m", m), [C(f"{a}{i}") for i in range(N) for a in "xy"]
+    equations = []
+    for i in range(N):
+        x, y = q[2 * i], q[2 * i + 1]
+        s, lx, ly = x * x + y * y, sum(q[::2]) - N * x, sum(q[1::2]) - N * y
+        equations += [
+            x.dot - (m * x - y - s * (x + y / 2) - 0.2 * lx),
+            y.dot - (m * y + x - s * (y - x / 2) - 0.2 * ly),
+        ]
+    return hb.System("ring", q, [m], equations)
+
+
+def test_waves_in_both_directions():
+    """A double pair at m = -0.6: waves with s = m + 0.6 run either way at 1 + s/2 rad/s; in phase s = m."""
+    found = hb.find_cycles(ring(3, 0.3), m=0.3)
+    waves = [o for o in found if abs(o.omega - 1.45) < 1e-6 and abs(o.amplitude("x0") - 0.9**0.5) < 1e-6]
+    turns = {float(np.sign(np.linalg.det(o.coefficients[1:3][:, [0, 2]]))) for o in waves}
+    assert len(waves) == 2 and turns == {-1.0, 1.0}
+    (together,) = (o for o in found if abs(o.amplitude("x0") - 0.3**0.5) < 1e-6)
+    assert together.omega == pytest.approx(1.15, rel=1e-9) and together.stability.verdict == "unstable"
+
+
+def test_branches_about_another_equilibrium_of_an_odd_system():
+    """Chua's circuit with a cubic, alpha^2 + 3 alpha = 63 at its Hopf points: mirror images with a mean."""
+    x, y, z, alpha = C("x"), C("y"), C("z"), P("alpha", 7.0)
+    system = hb.System(
+        "Chua", [x, y, z], [alpha], [x.dot - alpha * (y - (x**3 / 16 - x / 6)), y.dot - (x - y + z), z.dot + 14 * y]
+    )
+    found = hb.find_cycles(system, alpha=7.0, interval=(6.0, 8.0))
+    assert sum("from the branch from the Hopf point at alpha = 6.57774721" in s for s in found.evidence) == 2
+    one, other = (o.coefficients[0, 0] for o in found)
+    assert one == pytest.approx(-other, rel=1e-6) and one != 0
+    hopf = hb.hopf_points(system, "alpha", (6.0, 8.0))[0]
+    with pytest.raises(hb.ModelError, match="odd=False"):
+        hb.trace(hb.HarmonicBalance(5).equations(system), hopf, "alpha", (6.0, 8.0))
