@@ -115,7 +115,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         except ConvergenceError:
             yield Recurrence("undecided", orbit, elapsed)
             return
-        if not np.isfinite(states).all() or (np.abs(states[-1]) > 1e6 * size).any():
+        if not np.isfinite(states).all() or (np.abs(states) > 1e6 * size).any():
             yield Recurrence("unbounded", None, elapsed)
             return
         x, elapsed = states[-1], elapsed + CHUNK * h

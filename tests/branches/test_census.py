@@ -199,12 +199,12 @@ def ring(N: int, m: float) -> hb.System:
 
 def test_waves_in_both_directions():
     """A double pair at m = -0.6: waves with s = m + 0.6 run either way at 1 + s/2 rad/s; in phase s = m."""
-    found = hb.find_cycles(ring(3, 0.3), m=0.3)
-    waves = [o for o in found if abs(o.omega - 1.45) < 1e-6 and abs(o.amplitude("x0") - 0.9**0.5) < 1e-6]
+    found = hb.find_cycles(ring(3, 0.4), m=0.4)
+    waves = [o for o in found if abs(o.omega - 1.5) < 1e-6 and abs(o.amplitude("x0") - 1.0) < 1e-6]
     turns = {float(np.sign(np.linalg.det(o.coefficients[1:3][:, [0, 2]]))) for o in waves}
     assert len(waves) == 2 and turns == {-1.0, 1.0}
-    (together,) = (o for o in found if abs(o.amplitude("x0") - 0.3**0.5) < 1e-6)
-    assert together.omega == pytest.approx(1.15, rel=1e-9) and together.stability.verdict == "unstable"
+    (together,) = (o for o in found if abs(o.amplitude("x0") - 0.4**0.5) < 1e-6)
+    assert together.omega == pytest.approx(1.2, rel=1e-9) and together.stability.verdict == "unstable"
 
 
 def test_branches_about_another_equilibrium_of_an_odd_system():
