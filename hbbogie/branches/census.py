@@ -65,7 +65,7 @@ class Census:
         self.hopf = self.branches.special("hopf")
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
-        self.failures, self.family = 0, ""
+        self.failures, self.family, self.running = 0, "", ""
         self.undecided: list[str] = []
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
@@ -109,6 +109,8 @@ class Census:
                 counted[self._motion(there, bool(sense), where, x, h, size)] += 1
             told = ", ".join(f"{count} {what}" for what, count in counted.items())
             self.evidence.append(f"{len(starts)} motions{sense}: {told}")
+        if self.running:
+            self.evidence.append(self.running)
 
     def _motion(self, there: System, sense: bool, where: str, x: Array, h: float, size: Array) -> str:
         """Follow a motion; return what it came to, for people."""
@@ -129,6 +131,12 @@ class Census:
                 return "came to a cycle found already"
             elif met.kind == "rest":
                 return "came to rest"
+            elif met.kind == "running":
+                name, period = met.turns
+                self.running = (
+                    f"{name} goes on by a turn every {period:.6g} s: a running motion, which is no cycle here"
+                )
+                return "run on"
             elif met.kind == "unbounded":
                 return "left every bound"
         self.undecided.append(f"a motion from {where} has neither settled nor come back to itself")
@@ -206,7 +214,8 @@ class Census:
         rest = nearest.orbit.coefficients[0] if nearest else np.zeros(self.system.n)
         closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
         about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
-        still = f"; {len(self.undecided)} motions stay undecided" if self.undecided else ""
+        still = f"; {self.running}" if self.running else ""
+        still += f"; {len(self.undecided)} motions stay undecided" if self.undecided else ""
         self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
 
 

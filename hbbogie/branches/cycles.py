@@ -112,9 +112,9 @@ def find_cycles(
         raise ModelError(census.family)
     if census.family:
         census.evidence.append("a candidate is not isolated: it is one of a continuous family, or a fold is near")
-    if not found:
+    if not found and undecided and not census.running:
         found, undecided = _longer(census)
-    if not found and undecided:
+    if not found and undecided and not census.running:
         raise ConvergenceError(
             f"whether {system.name!r} has a cycle at {name} = {census.value:g} is undecided: {undecided[0]}",
             statistics={"evidence": tuple(census.evidence)},

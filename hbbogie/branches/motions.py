@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from hbbogie import fourier
 from hbbogie.branches.same import BLOCKS, signature
 from hbbogie.equilibria.census import Start
+from hbbogie.equilibria.rest import angles_of
 from hbbogie.model.system import System
 from hbbogie.motion.integration import initial_state, states_after
 from hbbogie.results import Orbit, Trajectory
@@ -25,6 +26,7 @@ SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
+TURN = 2 * np.pi
 HARMONICS = 255  # of the recurrence, at most
 AROUND, FINE = 5, 1000  # samples on each side of a recurrence, and places looked at between two of them
 
@@ -35,15 +37,18 @@ class Recurrence:
 
     Attributes
     ----------
-    kind : {"cycle", "known", "rest", "undecided", "unbounded"}
+    kind : {"cycle", "known", "rest", "running", "undecided", "unbounded"}
     orbit : Orbit or None
         Its last recurrence.
     after : float, s
+    turns : tuple of (str, float)
+        Of a running motion: the angle that grows or falls by a turn, and in which time [s].
     """
 
     kind: str
     orbit: Orbit | None
     after: float
+    turns: tuple[str, float] = ("", 0.0)
 
 
 def sample_distance(eigenvalues: NDArray[np.complex128]) -> float:
@@ -126,6 +131,9 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         ).all():
             yield Recurrence("rest", None, elapsed)
             return
+        if (turns := _running(system, states, h)) is not None:
+            yield Recurrence("running", None, elapsed, turns)
+            return
         found = _recurrence(states, spread)
         if found is None:
             h *= 2
@@ -148,6 +156,25 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         if back > CHUNK // 4:
             h *= 2
     yield Recurrence("undecided", orbit, elapsed)
+
+
+def _running(system: System, states: Array, h: float) -> tuple[str, float] | None:
+    """Return an angle that goes on by a turn while all else comes back, and the time of a turn; None without one."""
+    for i in np.flatnonzero(angles_of(system)):
+        back = np.abs(states[:, i] - states[-1, i])
+        if back[0] < 3 * TURN:
+            continue
+        k = int(np.flatnonzero(back >= TURN)[-1])  # the last sample a turn ago
+        if len(states) - k < 12:
+            continue
+        share = (back[k] - TURN) / (back[k] - back[k + 1])
+        then = states[k] + share * (states[k + 1] - states[k])
+        others = np.arange(len(then)) != i
+        away = np.abs(states[-1] - then)[others]
+        moving = np.maximum(np.ptp(states[k:], axis=0), np.abs(states[k:]).max(axis=0))[others]
+        if (away <= RECURS * moving).all():
+            return system.coordinate_names[i], float((len(states) - 1 - k - share) * h)
+    return None
 
 
 def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:

@@ -220,3 +220,13 @@ def test_branches_about_another_equilibrium_of_an_odd_system():
     hopf = hb.hopf_points(system, "alpha", (6.0, 8.0))[0]
     with pytest.raises(hb.ModelError, match="odd=False"):
         hb.trace(hb.HarmonicBalance(5).equations(system), hopf, "alpha", (6.0, 8.0))
+
+
+def test_running_motions_are_named():
+    """A pendulum with torque I and damping d has no rest for I > 1: it runs on at about I / d."""
+    x, torque, d = C("x"), P("I", 1.5), P("d", 0.2)
+    system = hb.System("pendulum", [x], [torque, d], [x.ddot + d * x.dot + ca.sin(x) - torque])
+    none = hb.find_cycles(system, I=1.5)
+    assert none == [] and "no equilibrium" in none.evidence[0]
+    said = none.evidence[0].partition("x goes on by a turn every ")[2]
+    assert float(said.split(" ")[0]) == pytest.approx(2 * np.pi * 0.2 / 1.5, rel=1e-2)
