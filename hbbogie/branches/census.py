@@ -15,7 +15,7 @@ from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings
 from hbbogie.branches.relatives import relatives
-from hbbogie.branches.same import alike, signature
+from hbbogie.branches.same import alike, primitive, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
@@ -151,6 +151,8 @@ class Census:
     def consider(self, orbit: Orbit, origin: str, *, near: bool = False, finer: tuple[int, ...] = FINER) -> bool:
         """Polish a candidate and keep the cycle, if it is new; tell whether there is one (near it, if asked)."""
         polished = self.polished(orbit, () if near else finer)
+        if polished is not None and (once := primitive(polished)) is not polished:
+            orbit, polished = once, self.polished(once, ())
         if polished is None:
             if not near:
                 self.evidence.append(

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie import fourier
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
@@ -14,6 +15,7 @@ SAMPLES = 4096
 BLOCKS = 5  # numbers of a signature for each coordinate
 SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
 AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
+REPEATS = 1e-6  # harmonics, relative to the largest, without which a cycle goes round several times
 RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and distance of the extremes of others
 
 
@@ -50,6 +52,17 @@ def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
     width = np.maximum(width, 1e-6 * width.max())
     far = max(min(AS_FAR * share, 0.3), ROUGH if max(a.tail, b.tail) > RESOLVED else 0.0)
     return bool((np.abs(first - second) <= far * width).all())
+
+
+def primitive(orbit: Orbit) -> Orbit:
+    """Return a cycle that goes round several times in its period as one that goes round once; else itself."""
+    c = orbit.coefficients
+    for k in (2, 3, 5):
+        kept = fourier.rows_of(range(k, orbit.H + 1, k))
+        others = np.setdiff1d(np.arange(1, len(c)), kept)
+        if len(kept) and np.abs(c[others]).max(initial=0.0) <= REPEATS * np.abs(c[kept]).max():
+            return primitive(orbit.replace(coefficients=c[[0, *kept]], omega=k * orbit.omega))
+    return orbit
 
 
 def once_each(orbits: Iterable[Orbit]) -> list[Orbit]:
