@@ -1,7 +1,7 @@
 """Benchmarks: ``python -m hbbogie.benchmark`` measures the main steps on Yang's bogie and prints them.
 
-Each figure is the best of several runs on this machine, single-threaded; the first, building run stands apart. Beside
-the time that passed stands that of this process on a processor, which other work on the machine disturbs less.
+Each figure is the best of several single-threaded runs on this machine. Elapsed time is shown beside the processor time
+of this process, which is less sensitive to other work on the machine.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ RANDOM = ("Mw", "Mf", "K1", "K2", "K4", "K6", "D2", "lam", "f11")  # varied by 2
 
 
 class Table:
-    """What was measured.
+    """The measured times.
 
     Attributes
     ----------
     rows : list of (str, float, float, str)
-        What, the shortest time that passed [s], the shortest time on a processor [s], remark.
+        Step, shortest elapsed time [s], shortest processor time [s], remark.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class Table:
     def add(
         self, what: str, job: Callable[[], Any], repeats: int = REPEATS, remark: Callable[[Any], str] = lambda _: ""
     ) -> Any:
-        """Do a job several times, note its times and return its last result."""
+        """Do a job several times, record the shortest times and return the last result."""
         passed, worked, result = float("inf"), float("inf"), None
         for _ in range(repeats):
             start, busy = time.perf_counter(), time.process_time()
@@ -65,7 +65,7 @@ class Table:
 
 
 def measure(table: Table, H: int = 15) -> None:
-    """Measure the steps with harmonic balance, and those that need no method."""
+    """Measure the steps that use harmonic balance, and those that need no method."""
     add = table.add
     command = [sys.executable, "-c", "import hbbogie"]
     add("import hbbogie, in a new process", lambda: subprocess.run(command, check=True), 3)
@@ -122,7 +122,7 @@ def measure(table: Table, H: int = 15) -> None:
 
 
 def measure_exact(table: Table, designs: int = 1000) -> None:
-    """Measure the steps with cycles in closed form."""
+    """Measure the steps that use cycles in closed form."""
     system = load_problem("yang1995").bogie()
     (hopf,) = hopf_points(system, "V", (60.0, 190.0))
 

@@ -1,4 +1,4 @@
-"""Errors that say what is wrong, what was got, what is allowed and what to do."""
+"""Errors, and the wording of their messages: what is wrong, what was given, what is allowed and what to do."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def unknown_name(kind: str, got: str, allowed: Iterable[str]) -> str:
 
 
 def as_number(value: Any) -> float:
-    """Return a number as a float; NaN for anything else: a text, a truth value, an expression, an array."""
-    kind = getattr(getattr(value, "dtype", None), "kind", "")  # of NumPy's values
+    """Return a number as a float, and NaN for anything else (a text, a truth value, an expression, an array)."""
+    kind = getattr(getattr(value, "dtype", None), "kind", "")  # NumPy values have one
     if isinstance(value, str | bytes | bool) or kind in ("b", "S", "U") or getattr(value, "ndim", 0) != 0:
         return float("nan")
     try:

@@ -1,4 +1,4 @@
-"""What is built once for a value and shared by its copies: a store beside the value, never a part of it."""
+"""A store for things that are built once and shared by copies of a value. It is kept beside the value, not in it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ T = TypeVar("T")
 
 
 class Once:
-    """What was built for each key, so that it is built once.
+    """A store that builds the entry for each key only once.
 
-    Values that differ in parameter values only share one of these. A pickled or deep copy begins with an empty one:
-    whatever is missing is built again.
+    Values that differ only in parameter values share one store. A pickled or deep copy begins with an empty store, and
+    missing entries are built again.
     """
 
     def __init__(self) -> None:
         self._built: dict[Any, Any] = {}
 
     def __call__(self, key: Any, build: Callable[[], T]) -> T:
-        """Return what ``build()`` made for this key."""
+        """Return the entry for this key, made by ``build()`` if there is none yet."""
         if key not in self._built:
             self._built[key] = build()
         return cast("T", self._built[key])

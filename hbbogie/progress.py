@@ -1,4 +1,4 @@
-"""Progress: how long work says how far it is."""
+"""Progress: how long computations report how far they have come."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ Progress = Callable[[str, float | None], None]
 
 
 def silent(message: str, fraction: float | None) -> None:
-    """Take a message on progress and show nothing."""
+    """Accept a progress message and show nothing."""

@@ -1,4 +1,4 @@
-"""Units: labels of quantities, and prefixes."""
+"""Units: labels and prefixes of physical quantities."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from hbbogie.errors import ModelError
 
 PREFIXES = {"": 1.0, "µ": 1e-6, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
-# prefixes in which a quantity is read easily, each with the size, in the bare unit, from which it is taken
+# prefixes that make a quantity easy to read, each with the smallest size, in the bare unit, for which it is used
 READABLE = {
     "m": (("", 1.0), ("m", 1e-3), ("µ", 0.0)),
     "rad": (("", 0.1), ("m", 1e-4), ("µ", 0.0)),
@@ -26,7 +26,7 @@ def per_second(unit: str) -> str:
 
 
 def readable(unit: str, largest: float) -> tuple[float, str]:
-    """Return factor and unit in which lengths, angles and forces of this size are read easily."""
+    """Return the factor and the unit that make lengths, angles and forces of this size easy to read."""
     base = re.split("[/ ]", unit)[0]  # not "m2", where the prefix would be squared
     for prefix, least in READABLE.get(base, ()):
         if 0 < largest >= least:
@@ -35,12 +35,12 @@ def readable(unit: str, largest: float) -> tuple[float, str]:
 
 
 def unit_factor(given: str, own: str, name: str) -> float:
-    """Return by what to multiply a value in a unit, such as "kN/m", to have it in the parameter's own, "N/m".
+    """Return the factor that converts a value in a given unit, such as "kN/m", to the parameter's own unit, "N/m".
 
     Raises
     ------
     ModelError
-        When the one is not the other with a prefix.
+        When the given unit is not the parameter's own unit with a prefix.
     """
     own_factor, bare = (PREFIXES["k"], own[1:]) if own.startswith("kg") else (1.0, own)
     for prefix, factor in PREFIXES.items():

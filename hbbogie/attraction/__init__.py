@@ -1,6 +1,6 @@
-"""Attraction: which motions die out, which settle on a cycle, and how fast.
+"""Attraction: which motions die out, which settle to a cycle, and how fast.
 
-A `System` with its cycles goes in; a `Basin`, a `Hysteresis` or an `Attraction` comes out.
+A `System` with its cycles goes in. A `Basin`, a `Hysteresis` or an `Attraction` comes out.
 """
 
 import lazy_loader

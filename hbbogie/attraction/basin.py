@@ -1,4 +1,4 @@
-"""Basins of attraction: motions from many initial states at many parameter values, and how each ends."""
+"""Basins of attraction: motions from many initial states at many parameter values, and where each ends."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from hbbogie.results import Basin, Branch, Orbit
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-HARMONICS = 31  # of the cycles that motions are compared with
-PERIODS = 130  # that a motion is followed where no duration is given
-MOTIONS = 32  # in one task: one call of the mapped integrator advances them all
+HARMONICS = 31  # highest harmonic of the cycles with which motions are compared
+PERIODS = 130  # for which a motion is followed by default
+MOTIONS = 32  # in one task; one call of the mapped integrator advances them all
 
 
 def find_basin(
@@ -46,7 +46,7 @@ def find_basin(
     workers: int = 1,
     progress: Progress = silent,
 ) -> Basin:
-    """Find out how motions end: at rest, on a stable cycle, or undecided.
+    """Determine how motions end: at rest, on a stable cycle, or undecided.
 
     Parameters
     ----------
@@ -54,17 +54,17 @@ def find_basin(
     parameter : str
     values : array_like, shape (values,), unit of the parameter
     factors : array_like, shape (factors,)
-        Each multiplies the direction; the motion starts so far from the equilibrium.
+        Each factor multiplies the direction, which gives the initial displacement from the equilibrium.
     along : mapping from name to value, unit of the coordinate (with a prime: per second), optional
-        The direction: with ``{"q1": 1, "q3": 1}`` and factors in m two coordinates are released from the same
-        displacement. Where left out, the state at phase 0 on the smallest unstable cycle of each value (of the
-        nearest value that has one): then the boundary of the basin along the direction is at factor 1.
+        The direction. With ``{"q1": 1, "q3": 1}`` and factors in m, two coordinates are released from the same
+        displacement. The default is the state at phase 0 on the smallest unstable cycle at each value, or at the
+        nearest value that has one. The boundary of the basin along this direction is then at factor 1.
     duration : float, s, optional
-        Longest time a motion is followed; 130 periods where left out.
+        Longest time for which a motion is followed; by default 130 periods.
     branches : sequence of Branch, optional
-        The cycles over the parameter; traced from its Hopf points where left out.
+        The cycles over the parameter; by default they are traced from its Hopf points.
     workers : int
-        Processes. With more than 1 a script has to guard what it does by ``if __name__ == "__main__":``.
+        Number of processes. With more than 1, a script has to guard its code by ``if __name__ == "__main__":``.
     progress : callable
         Called with (message, fraction done or None).
 
@@ -76,21 +76,21 @@ def find_basin(
     Raises
     ------
     ModelError
-        For wrong names or values, or where there is no unstable cycle to take a direction from.
+        For invalid names or values, or if there is no unstable cycle that could give the direction.
 
     Notes
     -----
-    Motions are advanced by the classical Runge-Kutta method, at least 256 steps per period, and looked at once
-    per period.
+    Motions are advanced by the classical Runge-Kutta method with at least 256 steps per period, and checked once per
+    period.
 
-    *Rest* is proved where the equilibrium is linearly stable and the system is linear but for gaps. With the
-    eigenvectors v_i and the motion at x = x_0 + sum_i c_i v_i, the argument u = w . x of every contact obeys
-    abs(u - u_0) <= sum_i abs(c_i w . v_i) from then on as long as no kink is met; where that sum is smaller than
-    the distance to the nearest kink, none is ever met, and the motion decays (eq-rest). In a system with another
-    nonlinearity "rest" means that the same sum has fallen, for every state, below a thousandth of the smallest cycle.
+    *Rest* is proved if the equilibrium is linearly stable and the system is linear except for gaps. With the
+    eigenvectors v_i and the motion at x = x_0 + sum_i c_i v_i, the argument u = w . x of every contact obeys abs(u -
+    u_0) <= sum_i abs(c_i w . v_i) from then on, as long as no kink is met. If this sum is smaller than the distance to
+    the nearest kink, no kink is ever met, and the motion decays (eq-rest). In a system with another nonlinearity,
+    "rest" means that the same sum has fallen, for every state, below a thousandth of the smallest cycle.
 
-    *Cycle*: the state is near a stable cycle, closer than a fiftieth of its size and a fifth of its distance from
-    the next cycle, and was farther away one period before.
+    *Cycle* means that the state is near a stable cycle, closer than a fiftieth of its size and a fifth of its distance
+    from the next cycle, and was farther away one period earlier.
     """
     system.parameter(parameter)
     V, f = _increasing("values", values), _increasing("factors", factors)
@@ -160,19 +160,19 @@ def check(
     Parameters
     ----------
     system, along, duration, workers
-        As of `find_basin`.
+        As in `find_basin`.
 
     Returns
     -------
     name : str
-        The coordinate that amplitudes are given in.
+        The coordinate in which amplitudes are given.
     start : ndarray, shape (n_states,), or None
-        The state for factor 1 where a direction is given.
+        The state for factor 1 if a direction is given.
 
     Raises
     ------
     ModelError
-        For wrong input.
+        For invalid input.
     """
     if duration is not None:
         positive("duration", duration, "s")
@@ -197,7 +197,7 @@ def _equations(system: System) -> Equations:
 def _cycles(
     system: System, parameter: str, V: Array, branches: Sequence[Branch], notes: list[str], progress: Progress
 ) -> list[list[Orbit]]:
-    """Return the cycles at each value by growing amplitude, with their stability."""
+    """Return the cycles at each value, in order of amplitude, with their stability."""
     equations, found = _equations(system), []
     for i, value in enumerate(V):
         progress(f"cycles: {parameter} = {value:.5g}", i / len(V))
@@ -214,7 +214,7 @@ def _cycles(
 def _place(
     system: System, parameter: str, cycles: Sequence[Orbit], others: Sequence[Orbit], notes: list[str]
 ) -> Place | None:
-    """Return what decides the end of motions; None, and a note, where there is no equilibrium."""
+    """Return what decides how motions end; None, and a note, if there is no equilibrium."""
     try:
         return place_of(system, parameter, cycles, others)
     except ConvergenceError as error:
@@ -223,7 +223,7 @@ def _place(
 
 
 def _peaks(cycles: Sequence[Orbit], verdict: str, name: str) -> list[float]:
-    """Return the peaks of a coordinate on the cycles of one verdict, in their order."""
+    """Return the peaks of a coordinate on the cycles with one verdict, in their order."""
     return [o.amplitude(name) for o in cycles if o.stability is not None and o.stability.verdict == verdict]
 
 
@@ -232,8 +232,8 @@ def _nearest(parameter: str, V: Array, unstable: Array, name: str) -> NDArray[np
     there = np.flatnonzero(np.isfinite(unstable))
     if not len(there):
         raise ModelError(
-            f"no unstable cycle was found at any value of {parameter} from {V[0]:g} to {V[-1]:g} whose shape the "
-            f"initial states could have; give a direction, along={{{name!r}: 1}} (--along {name}=1), or other values."
+            f"no unstable cycle was found at any value of {parameter} from {V[0]:g} to {V[-1]:g} that could give "
+            f"the initial states; give a direction, along={{{name!r}: 1}} (--along {name}=1), or other values."
         )
     return there[np.argmin(np.abs(V[:, None] - V[there]), axis=1)]
 
@@ -250,7 +250,7 @@ def _shape(system: System, cycles: Sequence[Orbit], place: Place | None, name: s
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """What every task needs: the system, the places, the longest time at each [s], steps per period."""
+    """The data of every task: the system, the places, the longest time at each [s], and the steps per period."""
 
     system: System
     places: list[Place | None]
@@ -307,7 +307,7 @@ def _task(payload: bytes, i: int, x: Array) -> Ends:
 
 
 def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers: int) -> Iterator[tuple[int, Ends]]:
-    """Give the ends of the motions of each task as they come; what a broken process leaves out is not given."""
+    """Yield the ends of the motions of each finished task. Tasks that a broken process did not finish are left out."""
     payload = pickle.dumps(job)
     with interruptions() as pressed, worker_pool(workers) as pool:
         futures = {pool.submit(_task, payload, i, x): k for k, (i, x) in enumerate(zip(at, starts, strict=True))}
@@ -318,7 +318,7 @@ def _in_processes(job: _Job, at: Sequence[int], starts: Sequence[Array], workers
                 for future in finished:
                     if not isinstance(future.exception(), BrokenProcessPool):
                         yield futures[future], future.result()
-        finally:  # motions under way end at their next look, at a second Ctrl-C at once
+        finally:  # running motions end at their next check, or at once after a second Ctrl-C
             pool.stop()
             while waiting and pressed() < 2:
                 waiting = wait(waiting, LOOK).not_done

@@ -1,4 +1,4 @@
-"""Attraction measured in time: the critical multiplier of a cycle from simulated motions beside it."""
+"""Attraction measured in time: the critical multiplier of a cycle, from simulated motions beside it."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from hbbogie.stability.verification import verify
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SAMPLES = 64  # per period, beyond none of which CVODES steps
-LARGEST = 30.0  # times the disturbance may have grown
-FADED = 1e-5  # share of the disturbance, below which it is lost in the integrator's errors
+SAMPLES = 64  # per period; no step of CVODES is longer than the time between two
+LARGEST = 30.0  # largest factor by which the disturbance may grow
+FADED = 1e-5  # share of the disturbance below which it is lost in the errors of the integrator
 MOST = 12  # periods
 
 
 @dataclass(frozen=True, eq=False)
 class Attraction:
-    """How fast motions beside a cycle approach it or leave it, by simulation.
+    """The rate at which motions beside a cycle approach it or leave it, by simulation.
 
     Attributes
     ----------
     measured : complex
-        The critical multiplier, fitted to the simulated motions; NaN where it could not be measured.
+        The critical multiplier, fitted to the simulated motions; NaN if it could not be measured.
     predicted : complex
-        The same by Floquet theory.
+        The critical multiplier according to Floquet theory.
     difference : float
-        Distance of the two relative to the predicted one; NaN where nothing was measured.
+        Distance between the two, relative to the predicted one; NaN if nothing was measured.
     verdict : {"attracts", "repels", "unknown"}
-        By the measured multiplier.
+        According to the measured multiplier.
     shares : ndarray of complex, shape (periods + 1,)
-        Component of the disturbance along the critical mode after each period, the first one 1.
+        Component of the disturbance along the critical mode after each period; the first is 1.
     scatter : float
-        Largest distance of a single period's multiplier from the measured one, relative to it.
+        Largest distance of a single period's multiplier from the measured one, relative to the latter.
     disturbance : float
         Size of the initial disturbance relative to the ranges of the states.
     status : str
@@ -79,29 +79,29 @@ def measure_attraction(
     Returns
     -------
     Attraction
-        Not measured, with a sentence why, where the disturbance is lost within one period.
+        If the disturbance is lost within one period, nothing is measured, and the status gives the reason.
 
     Raises
     ------
     ModelError
-        When the orbit is no cycle of the system, or a number is not acceptable.
+        When the orbit is not a cycle of the system, or a number is not acceptable.
     ConvergenceError
         When the cycle cannot be polished, or the motion blows up.
 
     Notes
     -----
-    Two motions begin at the two sides of the cycle, displaced by plus and minus a small multiple of the real part of
-    the critical mode of the monodromy matrix, with multiplier mu. Half their difference d_k after k periods is to first
-    order the k-th power of the monodromy matrix applied to that multiple, whatever small drift both have in common.
-    Its component along the mode, with the adjoint mode w (w* M = mu w*), is w* d_k = mu^k w* d_0: the other
-    modes, the shift in time among them, are invisible to w (eq-attraction). The multiplier is fitted to log(w* d_k) by
-    least squares. The adjoint mode comes from the variational equations; the growth is that of the simulation alone.
+    Two motions begin on either side of the cycle, displaced by plus and minus a small multiple of the real part of the
+    critical mode of the monodromy matrix, with multiplier mu. To first order, half their difference d_k after k periods
+    is the k-th power of the monodromy matrix applied to that multiple. A small drift that both have in common cancels.
+    The component of d_k along the mode, with the adjoint mode w (w* M = mu w*), is w* d_k = mu^k w* d_0, because w is
+    orthogonal to the other modes, including the shift in time (eq-attraction). The multiplier is fitted to log(w* d_k)
+    by least squares. The adjoint mode comes from the variational equations. The growth comes from the simulation alone.
     """
     positive("disturbance", disturbance, "1")
     check_orbit(system, orbit)
     if orbit.H == 0 or system.n_states < 2:
         raise ModelError(
-            f"system {system.name!r}: the orbit is an equilibrium, or has no multiplier but the trivial one; "
+            f"system {system.name!r}: the orbit is an equilibrium, or has only the trivial multiplier; "
             "give a cycle of a system with at least two states."
         )
     cycle = verify(system, orbit).orbit if polish else orbit
@@ -123,21 +123,21 @@ def measure_attraction(
     shares = shares / shares[0]
     ratios = shares[1:] / shares[:-1]
     k = np.arange(periods + 1)
-    turns = np.angle(ratios / predicted) + np.angle(predicted)  # near a half turn each may round to either side
+    turns = np.angle(ratios / predicted) + np.angle(predicted)  # near half a turn each may round to either side
     logarithm = np.log(np.abs(shares)) + 1j * np.r_[0.0, np.cumsum(turns)]
-    measured = complex(np.exp((k * logarithm).sum() / (k**2).sum()))  # a line through log 1 at the beginning
-    if predicted.imag == 0:  # what is left of its imaginary part is round-off
+    measured = complex(np.exp((k * logarithm).sum() / (k**2).sum()))  # the slope of a line through log 1 at k = 0
+    if predicted.imag == 0:  # the remaining imaginary part is round-off
         measured = complex(measured.real)
     off, scatter = abs(measured - predicted) / growth, float(np.abs(ratios / measured - 1).max())
     verdict = "attracts" if abs(measured) < 1 else "repels"
     status = (
-        f"{verdict}: over {periods} period(s) disturbances of {disturbance:.1g} of the range are multiplied by "
+        f"{verdict}: over {periods} period(s), disturbances of {disturbance:.1g} of the range are multiplied by "
         f"{_shown(measured)} per period; Floquet theory says {_shown(predicted)} (difference {100 * off:.2g} %, "
         f"scatter between periods {100 * scatter:.2g} %)."
     )
     if scatter > 0.1 or (periods == 1 and off > 0.1):
         why = "the growth differs from period to period" if periods > 1 else "one period cannot confirm the growth"
-        verdict, status = "unknown", f"{why}, nothing is measured; take a smaller disturbance. {status}"
+        verdict, status = "unknown", f"{why}, so nothing was measured; take a smaller disturbance. {status}"
         return Attraction(np.nan, predicted, np.nan, verdict, shares, scatter, disturbance, status)
     return Attraction(measured, predicted, float(off), verdict, shares, scatter, disturbance, status)
 

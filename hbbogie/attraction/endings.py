@@ -1,4 +1,4 @@
-"""How motions end, many at once: proved to rest, settled on a known stable cycle, or undecided."""
+"""How motions end, many at once: proved to come to rest, settled to a known stable cycle, or undecided."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from hbbogie.results import Orbit
 Array = NDArray[np.float64]
 
 BATCHES = (32, 16, 8, 4, 2, 1)  # motions advanced by one call
-PHASES = 256  # of a cycle, to which distances are measured
+PHASES = 256  # points of a cycle to which distances are measured
 NEAR = 2e-2  # distance from a stable cycle, relative to its size, at which a motion may have settled on it
 APART = 0.2  # the same, in units of the distance from the next cycle
 TINY = 1e-3  # size, relative to the smallest cycle, of the neighbourhood of rest of a smooth system
-STEPS = (256, 512, 1024, 2048, 4096, 8192)  # per period, to choose from
+STEPS = (256, 512, 1024, 2048, 4096, 8192)  # numbers of steps per period that may be chosen
 STEP_TIMES_EIGENVALUE = 0.2
-UNROLLED = 8  # steps written out in one function: half the time, for parameters are handed over once for all
+UNROLLED = 8  # steps written out in one function, which halves the time because parameters are passed only once
 
 GROWN = "the motion grew without bound, or the steps are too long for it"
 OVER = "neither at rest nor on a known stable cycle when the time was over"
-PROVED = "inside all gaps for good: the sum of the moduli of its modes stays inside"
+PROVED = "inside all gaps for good: the sum of the moduli of its modes is smaller than the gaps"
 SMALL = f"within {TINY:g} of the smallest cycle about a stable equilibrium"
 EXACT = "the equilibrium itself"
 SETTLED = "close to a stable cycle, and coming closer from period to period"
@@ -36,23 +36,24 @@ SETTLED = "close to a stable cycle, and coming closer from period to period"
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """What decides the end of motions at one set of parameter values.
+    """The data that decide how motions end at one set of parameter values.
 
     Attributes
     ----------
     p : ndarray, shape (parameters,)
     period : float, s
-        Between two looks at a motion: that of the largest stable cycle, else of the slowest decaying mode.
+        Time between two checks of a motion: the period of the largest stable cycle, or otherwise of the slowest
+        decaying mode.
     equilibrium : ndarray, shape (n_states,)
     modes : ndarray of complex, shape (n_states, n_states), or None
-        Inverse of the matrix of eigenvectors; None where the equilibrium is not linearly stable.
+        Inverse of the matrix of eigenvectors; None if the equilibrium is not linearly stable.
     reach : ndarray, shape (contacts + states, n_states)
-        Moduli of how much of each mode acts on each contact, and on each state of a system that is not
-        piecewise linear, relative to what is allowed.
+        Moduli of the effect of each mode on each contact, and on each state of a system that is not piecewise linear,
+        relative to what is allowed.
     proof : str
-        What it means that all of these stay below 1.
+        What follows if the sums over the modes stay below 1.
     samples : ndarray, shape (stable cycles, PHASES + 1, n_states)
-        States round each stable cycle.
+        States along each stable cycle.
     scale : ndarray, shape (n_states,)
         Size of the states on the cycles.
     near : ndarray, shape (stable cycles,)
@@ -80,7 +81,7 @@ class Ends:
         "rest", "cycle" or "undecided".
     time : ndarray, shape (motions,), s
     cycle : ndarray of int, shape (motions,)
-        Place of the stable cycle reached; -1 where none.
+        Place of the stable cycle reached; -1 if there is none.
     reason : ndarray of str, shape (motions,)
     """
 
@@ -90,33 +91,33 @@ class Ends:
     reason: NDArray[np.str_]
 
 
-# --- what is known at a place -----------------------------------------------------------------
+# --- data at one place ------------------------------------------------------------------------
 
 
 def states_of(system: System, orbit: Orbit, count: int = PHASES) -> Array:
-    """Return the states round a cycle, first and last the same, shape (count + 1, n_states)."""
+    """Return the states along a cycle, the first and the last the same, shape (count + 1, n_states)."""
     t = orbit.period * np.arange(count + 1) / count
     second = np.array(system.second_order)
     return np.hstack([orbit.q(t), orbit.v(t)[:, second]])
 
 
 def place_of(system: System, parameter: str, cycles: Sequence[Orbit], others: Sequence[Orbit]) -> Place:
-    """Return what decides the end of motions at the system's parameter values.
+    """Return the data that decide how motions end at the system's parameter values.
 
     Parameters
     ----------
     system : System
     parameter : str
-        Along which the equilibrium is followed.
+        The parameter along which the equilibrium is followed.
     cycles : sequence of Orbit
         The cycles at these values, with their stability.
     others : sequence of Orbit
-        Cycles at other values, for the sizes of the states where there are none here.
+        Cycles at other values, which give the sizes of the states if there are none here.
 
     Raises
     ------
     ConvergenceError
-        Where there is no equilibrium and no cycle.
+        If there is neither an equilibrium nor a cycle.
     """
     line, value = Linearisation(system, parameter), system.values[parameter]
     stable = [o for o in cycles if o.stability is not None and o.stability.verdict == "stable"]
@@ -139,11 +140,11 @@ def place_of(system: System, parameter: str, cycles: Sequence[Orbit], others: Se
 
 
 def _sizes(system: System, orbits: Sequence[Orbit]) -> Array:
-    """Return the sizes of the states on the smallest of some cycles, else those of the equations' scales."""
+    """Return the sizes of the states on the smallest cycle, or the scales of the equations if there are no cycles."""
     if not orbits:
         return np.full(system.n_states, float(HarmonicBalance(1).equations(system).scale[0]))
     size = np.ptp(min((states_of(system, o) for o in orbits), key=lambda x: float(np.ptp(x, axis=0).max())), axis=0) / 2
-    for part in (slice(0, system.n), slice(system.n, None)):  # a state that hardly moves has the size of the others
+    for part in (slice(0, system.n), slice(system.n, None)):  # a state that hardly moves gets the size of the others
         size[part] = np.maximum(size[part], 1e-3 * size[part].max(initial=0.0))
     return size
 
@@ -164,7 +165,7 @@ def _gap(system: System, orbit: Orbit, cycles: Sequence[Orbit], scale: Array) ->
 def _reach(
     system: System, rest: Array, scale: Array, smallest: float, vectors: NDArray[np.complex128]
 ) -> tuple[Array, str]:
-    """Return how far each mode of unit size reaches, relative to what is allowed, and what that proves."""
+    """Return the effect of each mode of unit size, relative to what is allowed, and what that proves."""
     p, rows = system.vector(), [np.empty((0, system.n_states))]
     contacts = [e for e in system.elements if e.ramps is not None]
     if contacts:
@@ -173,7 +174,7 @@ def _reach(
             threshold = e.ramps(p)[3].full().ravel()
             room = np.abs(threshold - np.array(e.directions) * u[i]).min()  # to the nearest kink
             rows.append(np.abs(slope[[i]] @ vectors) / max(room, 1e-300))
-    # what remains without contacts is at most constant: the system is linear up to the nearest kink
+    # without contacts only a constant remains: the system is linear up to the nearest kink
     remainder = system.parts(contact=True).remainder
     if not any(remainder.jac_sparsity(0, i).nnz() for i in range(3)):
         return np.vstack(rows), PROVED
@@ -196,13 +197,13 @@ def distances(x: Array, cycle: Array, scale: Array) -> Array:
     ----------
     x : ndarray, shape (k, n_states)
     cycle : ndarray, shape (N + 1, n_states)
-        Its points; neighbours are joined by straight lines.
+        Its points, whose neighbours are joined by straight lines.
     scale : ndarray, shape (n_states,)
 
     Returns
     -------
     ndarray, shape (k,)
-        Root of the mean square over the states.
+        Root mean square over the states.
     """
     a, y = cycle[:-1] / scale, x / scale
     edge = np.diff(cycle / scale, axis=0)
@@ -214,7 +215,7 @@ def distances(x: Array, cycle: Array, scale: Array) -> Array:
 
 
 def steps_for(system: System, starts: Sequence[tuple[Place, Array]]) -> int:
-    """Return the steps per period with which motions at all places are integrated well.
+    """Return a number of steps per period with which motions at all places are integrated accurately.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def decide(
     steps : int
         Steps per period of the place.
     stopped : callable
-        Asked after every period whether to give up.
+        Called after every period; tells whether to give up.
     """
     count, looks = len(x), int(np.ceil(duration / place.period * (1 - 1e-12)))
     outcome, reason = np.full(count, "undecided", dtype="<U9"), np.full(count, OVER, dtype=object)
@@ -287,7 +288,7 @@ def decide(
 
 
 def _at_rest(place: Place, x: Array) -> NDArray[np.bool_]:
-    """Tell which motions stay inside all limits for ever: the moduli of their modes only fall."""
+    """Tell which motions stay inside all limits for ever, because the moduli of their modes only decrease."""
     if place.modes is None:
         return np.zeros(len(x), dtype=bool)
     modes = np.abs((x - place.equilibrium) @ place.modes.T)
@@ -307,7 +308,7 @@ def _advanced(system: System, place: Place, x: Array, steps: int) -> Array:
 
 
 def _periods(system: System, steps: int) -> ca.Function:
-    """Return (x, p, h) -> the state after so many steps of the classical Runge-Kutta method."""
+    """Return (x, p, h) -> the state after the given number of steps of the classical Runge-Kutta method."""
     start, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
     x = start
     for _ in range(UNROLLED):

@@ -1,4 +1,4 @@
-"""Hysteresis: a parameter falls from oscillation until it dies out, and rises from a disturbance until it starts."""
+"""Hysteresis: a parameter falls until oscillation dies out, and rises until a disturbance starts it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from hbbogie.results import Branch, Hysteresis, Orbit, Passage
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-HARMONICS = 31  # of the cycles
+HARMONICS = 31  # highest harmonic of the cycles
 DISTURBANCE = 1e-2  # at the start of a rise, in units of the level
-SAMPLES = 201  # of the linear growth rate over the range
+SAMPLES = 201  # samples of the linear growth rate over the range
 
 
 def find_hysteresis(
@@ -43,52 +43,54 @@ def find_hysteresis(
     branches: Sequence[Branch] | None = None,
     progress: Progress = silent,
 ) -> Hysteresis:
-    """Let a parameter fall from oscillation until it dies out, and rise from a disturbance until it starts.
+    """Let a parameter fall until an oscillation dies out, and rise until a disturbance starts the oscillation.
 
     Parameters
     ----------
     system : System
     parameter : str
     interval : (float, float), unit of the parameter
-        It falls from the upper end, beginning on the largest stable cycle there, to the lower one, and rises to the
-        upper end.
+        The parameter falls from the upper end, where the motion begins on the largest stable cycle, to the lower end.
+        It rises to the upper end.
     rates : array_like, shape (rates,), unit of the parameter per second
-        Magnitudes, each for one fall and one rise.
+        Magnitudes of the rates, each for one fall and one rise.
     coordinate : str, optional
-        Whose peaks are looked at; the first nonlinear one where left out.
+        The coordinate whose peaks are observed; by default the first nonlinear one.
     level : float, unit of the coordinate, optional
-        The oscillation has *died out* where the peaks fall below it for good, and has *started* where they first
-        reach it. Where left out: the gap that the coordinate has to cross before it meets a piecewise-linear element,
-        so that the level is contact; without such an element half the peak of the cycle at the fold (of the
-        cycle at the upper end where there is no fold).
+        The oscillation has *died out* where the peaks fall below this level for good, and has *started* where they
+        first reach it. By default, the level is the gap that the coordinate has to cross before it meets a
+        piecewise-linear element, so that it means contact. Without such an element it is half the peak of the cycle at
+        the fold, or of the cycle at the upper end if there is no fold.
     start : mapping from name to value, unit of the coordinate (with a prime: per second), optional
-        The disturbance, from the equilibrium, from which the rise begins; the coordinate displaced by a hundredth of
-        the level where left out.
+        The disturbance of the equilibrium from which the rise begins. By default, the coordinate is displaced by a
+        hundredth of the level.
     rise_from : float, unit of the parameter, optional
-        Where the rise begins; at the first Hopf point in the interval where left out, or at its lower end.
+        Where the rise begins. By default, at the first Hopf point in the interval, or at the lower end if there is
+        none.
     branches : sequence of Branch, optional
-        The cycles over the parameter; traced from its Hopf points where left out.
+        The cycles over the parameter; by default they are traced from its Hopf points.
     progress : callable
         Called with (message, fraction done or None).
 
     Returns
     -------
     Hysteresis
-        A motion that blows up is a passage without peaks; its status says why.
+        A motion that blows up gives a passage without peaks, whose status says why.
 
     Raises
     ------
     ModelError
-        For wrong names or values, or where there is no stable cycle at the upper end.
+        For invalid names or values, or if there is no stable cycle at the upper end.
 
     Notes
     -----
-    A rise starts late for two reasons that do not vanish with the rate alike. Growth takes time once the equilibrium
-    is unstable; and on the way there the disturbance has decayed, which has to be made good first. Linear growth
-    reaches the level L from the disturbance a where the integral of sigma over the parameter is rate ln(L / a), sigma
-    the largest real part of the eigenvalues (eq-onset). From a start before the Hopf point that does not tend to the
-    Hopf point with the rate, but to a value as far beyond it, weighted with sigma, as the start lies before it. Real
-    track disturbs all the time; a rise that begins at the Hopf point leaves the memory out.
+    The oscillation starts late for two reasons, which depend on the rate in different ways. First, growth takes time
+    once the equilibrium is unstable. Second, the disturbance decays on the way to the Hopf point and has to grow back
+    first. Linear growth reaches the level L from the disturbance a where the integral of sigma over the parameter is
+    rate ln(L / a), with sigma the largest real part of the eigenvalues (eq-onset). If the rise begins before the Hopf
+    point, this value does not tend to the Hopf point as the rate tends to zero. It tends to a value as far beyond the
+    Hopf point, weighted with sigma, as the start lies before it. A real track disturbs all the time. A rise that begins
+    at the Hopf point therefore avoids the decay.
     """
     lo, hi = check_interval(system, parameter, interval)
     speeds = np.sort(np.atleast_1d(np.asarray(rates, dtype=float)))[::-1]
@@ -176,7 +178,7 @@ def _level(system: System, name: str, cycle: Orbit) -> tuple[float, str]:
     gaps = [gap for gap in gaps if np.isfinite(gap)]
     if gaps and max(gaps) > 0:
         return max(gaps), f"the gap, where contact of {name} ends and begins"
-    return 0.5 * cycle.amplitude(name), "half the peak of the cycle at the fold, or where there is none of the first"
+    return 0.5 * cycle.amplitude(name), "half the peak of the cycle at the fold, or of the first if there is no fold"
 
 
 def _passage(
@@ -225,7 +227,7 @@ def predicted_onset(
     name: str,
     level: float,
 ) -> float:
-    """Return where a disturbance of the equilibrium reaches a level by linear growth (eq-onset); NaN where it does not.
+    """Return where a disturbance of the equilibrium reaches a level by linear growth (eq-onset); NaN if it does not.
 
     Parameters
     ----------
@@ -236,7 +238,7 @@ def predicted_onset(
     interval : (float, float), unit of the parameter
     rate : float, unit of the parameter per second
     name : str
-        The coordinate looked at.
+        The coordinate observed.
     level : float, unit of the coordinate
     """
     line = Linearisation(system, parameter)

@@ -9,18 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.closed_form import exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, extent, family_message
 from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings
 from hbbogie.branches.relatives import relatives
-from hbbogie.branches.same import alike, primitive, signature
+from hbbogie.branches.same import alike, of_prime_period, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
+from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.equations import Equations
-from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.methods.scales import amplitude_scale
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
@@ -36,7 +38,8 @@ FINER = (31, 63)  # with which a candidate is tried again where shooting does no
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
-EXACT = 1e-10  # error of shooting
+EXACT = 1e-10  # error of shooting, and of cycles in closed form
+SAME = 1e-8  # share of the interval up to which values of the parameter are one
 
 
 class Census:
@@ -65,8 +68,7 @@ class Census:
         self.hopf = self.branches.special("hopf")
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
-        self.failures, self.family, self.running = 0, "", ""
-        self.undecided: list[str] = []
+        self.failures, self.undecided, self.family, self.running = 0, 0, "", ""
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
         self.evidence += [f"{at}: {e.text(system.coordinate_names)}" for e in self.equilibria]
@@ -76,24 +78,50 @@ class Census:
     def follow_branches(self) -> None:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
         for hopf, which in (start for point in self.hopf for start in beginnings(self.system, point)):
-            equations = balance_about(self.system, COARSE, hopf.orbit)
             name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}{which}"
-            try:
-                branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
-            except FAILURES as error:
-                self.evidence.append(f"{name} was not followed: {error}")
-                continue
-            self.evidence.append(extent(name, branch))
-            for orbit in [
-                *_before(equations, hopf, branch.orbits[0], self.value),
-                *crossings(equations, branch, self.value),
-            ]:
+            if not self._in_closed_form(hopf, name):
+                self._by_harmonic_balance(hopf, name)
+
+    def _in_closed_form(self, hopf: SpecialPoint, name: str) -> bool:
+        """Follow the exact cycles of a system that is linear between switchings; tell whether that succeeds."""
+        try:
+            walk = exact_walk(self.system, hopf, self.span)
+            cycles = [orbit for _, orbit in exact_crossings(walk, self.value)]
+        except FAILURES:
+            return False
+        values = [point.value for point in walk.points]
+        low, high = min(values), max(values)
+        lost = walk.marked("not located") + walk.marked("fold not located")
+        if lost or walk.end.kind not in ("interval", "contact") or high - low <= SAME * (self.span[1] - self.span[0]):
+            return False
+        self.evidence.append(f"{name} was followed in closed form from {low:.6g} to {high:.6g}: {walk.end}")
+        for orbit in cycles:
+            if _unknown(orbit):
                 self.consider(orbit, name)
+            else:
+                peaks = {c: EXACT * orbit.amplitude(c) for c in orbit.coordinates}
+                errors = {"omega": EXACT * orbit.omega, "waveform": max(EXACT, orbit.tail), **peaks}
+                self._keep(orbit.replace(errors=errors), name)
+        return True
+
+    def _by_harmonic_balance(self, hopf: SpecialPoint, name: str) -> None:
+        """Follow the cycles of harmonic balance, and consider those at the value."""
+        equations = balance_about(self.system, COARSE, hopf.orbit)
+        try:
+            branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
+        except FAILURES as error:
+            self.evidence.append(f"{name} was not followed: {error}")
+            return
+        self.evidence.append(extent(name, branch))
+        before = _before(equations, hopf, branch.orbits[0], self.value)
+        for orbit in [*before, *crossings(equations, branch, self.value)]:
+            self.consider(orbit, name)
 
     def simulate(self) -> None:
         """Follow motions, and consider the cycles they come near."""
         system = self.system
-        amplitude = float(HarmonicBalance(1).equations(system).scale[0])
+        p = system.vector()
+        amplitude = amplitude_scale(system.parts(True), p, frequency_scale(system, p))
         size = sizes(system, self.equilibria, self.found, amplitude)
         starts = starts_of(system, self.equilibria, size)
         if self.start is not None:
@@ -139,7 +167,9 @@ class Census:
                 return "run on"
             elif met.kind == "unbounded":
                 return "left every bound"
-        self.undecided.append(f"a motion from {where} has neither settled nor come back to itself")
+        self.undecided += 1
+        said = f"a motion from {where} has neither settled nor come back to itself"
+        self.evidence += [said] if said not in self.evidence else []
         return "undecided"
 
     def look_beside(self) -> None:
@@ -151,23 +181,26 @@ class Census:
     def consider(self, orbit: Orbit, origin: str, *, near: bool = False, finer: tuple[int, ...] = FINER) -> bool:
         """Polish a candidate and keep the cycle, if it is new; tell whether there is one (near it, if asked)."""
         polished = self.polished(orbit, () if near else finer)
-        if polished is not None and (once := primitive(polished)) is not polished:
-            orbit, polished = once, self.polished(once, ())
         if polished is None:
             if not near:
                 self.evidence.append(
                     f"a candidate of period {orbit.period:.6g} s on {origin} is not confirmed by shooting"
                 )
             return False
-        if near and not alike(polished, orbit, 0.05):
+        times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
+        if near and not alike(polished, orbit.replace(omega=times * orbit.omega), 0.05):
             return False
+        self._keep(polished, origin)
+        return True
+
+    def _keep(self, polished: Orbit, origin: str) -> None:
+        """Add a cycle to those found, if it is new."""
         same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
         if same is None:
             self.found.append(polished)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
         elif _unknown(self.found[same]) and not _unknown(polished):
             self.found[same] = polished
-        return True
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
         """Return the cycle that shooting leads to, or, where it cannot, the one that more harmonics confirm."""
@@ -194,7 +227,9 @@ class Census:
     def _checked(self, orbit: Orbit) -> Orbit:
         system = self.system
         checked = verify(system, orbit)
-        found = checked.orbit
+        found = of_prime_period(checked.orbit)
+        if found is not checked.orbit:
+            return self._checked(found)
         if not checked.isolated:
             size = np.abs(orbit.coefficients).sum(axis=0)
             states = np.append(size, orbit.omega * size[list(system.second_order)])
@@ -217,7 +252,7 @@ class Census:
         closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
         about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
         still = f"; {self.running}" if self.running else ""
-        still += f"; {len(self.undecided)} motions stay undecided" if self.undecided else ""
+        still += f"; {self.undecided} motion(s) stay undecided" if self.undecided else ""
         self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
 
 

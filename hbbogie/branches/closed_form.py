@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.criticality import onset
+from hbbogie.errors import ModelError
+from hbbogie.exact.bifurcations import TURNS, multiplier_crossings
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of
+from hbbogie.exact.method import ExactEquations
 from hbbogie.exact.points import Point
-from hbbogie.exact.starting import at_grazing, orbit_of, settled
+from hbbogie.exact.starting import HIGHEST, at_grazing, exact_cycle, orbit_of, settled
 from hbbogie.exact.walk import Walk, follow
 from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
@@ -22,10 +27,10 @@ from hbbogie.results.orbit import Orbit
 Array = NDArray[np.float64]
 
 SAME = 1e-12  # relative distance of two values that are one
-TURNS = ("fold", "fold not located")
+MOST = 400  # points of a branch
 
 
-def exact_walk(system: System, hopf: SpecialPoint, interval: tuple[float, float]) -> Walk:
+def exact_walk(system: System, hopf: SpecialPoint, interval: tuple[float, float], most: int = MOST) -> Walk:
     """Follow the exact cycles of a Hopf point's branch from where they first touch a contact.
 
     Raises
@@ -35,26 +40,83 @@ def exact_walk(system: System, hopf: SpecialPoint, interval: tuple[float, float]
     ConvergenceError
         When the linear cycles of the Hopf point touch nothing.
     """
-    return follow(at_grazing(system, hopf), interval)
+    return follow(at_grazing(system, hopf), interval, most=most)
 
 
-def exact_branch(walk: Walk, hopf: SpecialPoint) -> Branch:
+def exact_trace(
+    equations: ExactEquations, start: Orbit | SpecialPoint, parameter: str, interval: tuple[float, float], most: int
+) -> Branch:
+    """Follow a branch of exact cycles from a Hopf point, or in both directions from a cycle; see `trace`."""
+    special = start if isinstance(start, SpecialPoint) else None
+    if special is not None and special.onward is not None:
+        raise ModelError(
+            f"trace: the branch that begins at a {special.kind} is not followed in closed form; follow it with "
+            "HarmonicBalance(...).equations(system), and take one of its orbits as the start."
+        )
+    origin = equations.at(special.orbit if special is not None else start, parameter)  # type: ignore[arg-type]
+    if special is not None and special.kind == "hopf":
+        special = replace(special, orbit=origin)
+        walk = exact_walk(equations.system, special, interval, most)
+        there = equations.system.with_parameters(**{parameter: special.value})
+        return exact_branch(
+            walk, onset(special, there, [point.value for point in walk.points[:2]]), equations.harmonics
+        )
+    low, high = interval
+    if not low <= origin.parameters[parameter] <= high:
+        raise ModelError(
+            f"trace: the start has {parameter} = {origin.parameters[parameter]:g}, outside the interval "
+            f"({low:g}, {high:g}); widen it."
+        )
+    try:
+        point = exact_cycle(equations.system, origin, parameter)
+    except ConvergenceError:  # next to a fold
+        point = exact_cycle(equations.system, origin, parameter, free=True)
+    forward, backward = (follow(p, interval, most=most) for p in (point, point.turned()))
+    points = [*(p.turned() for p in backward.points[:0:-1]), *forward.points]
+    return _branch(points, parameter, (), (backward.end, forward.end), equations.harmonics)
+
+
+def exact_branch(walk: Walk, hopf: SpecialPoint, harmonics: int = HIGHEST) -> Branch:
     """Return the points of a walk as orbits, with their multipliers, and the special ones among them."""
-    orbits = tuple(map(orbit_of, walk.points))
-    special = [hopf]
-    for i, (point, orbit) in enumerate(zip(walk.points, orbits, strict=True)):
-        if status := _said(walk, i):
-            kind = point.kind if point.kind in ("fold", "grazing") else "not located"
-            special.append(SpecialPoint(kind, hopf.parameter, point.value, (point.value, point.value), orbit, status))
     start = f"the cycles of the Hopf point at {hopf.parameter} = {hopf.value:.6g} first touch a contact"
-    return Branch(orbits, hopf.parameter, tuple(special), (Ending("began", start), walk.end))
+    return _branch(walk.points, hopf.parameter, (hopf,), (Ending("began", start), walk.end), harmonics)
 
 
-def _said(walk: Walk, i: int) -> str:
-    """Return what happens at a point of a walk, nothing where it is an ordinary one."""
-    point = walk.points[i]
+def _branch(
+    points: list[Point], parameter: str, special: tuple[SpecialPoint, ...], ends: tuple[Ending, Ending], harmonics: int
+) -> Branch:
+    orbits = [orbit_of(point, harmonics) for point in points]
+    rows: list[tuple[float, Orbit, SpecialPoint | None]] = []
+    for i, (point, orbit) in enumerate(zip(points, orbits, strict=True)):
+        found = None
+        if status := _said(points, i):
+            kind = point.kind if point.kind in ("fold", "grazing") else "not located"
+            extremum = ("minimum" if _turns_up(points, i) else "maximum") if kind == "fold" else ""
+            ends_of = point.value, point.value
+            found = SpecialPoint(kind, parameter, point.value, ends_of, orbit, status, extremum=extremum)
+        rows.append((float(i), orbit, found))
+    verdicts = [o.stability for o in orbits if o.stability is not None]
+    for crossing in multiplier_crossings(points, verdicts):
+        orbit = orbit_of(crossing.point, harmonics)
+        value = crossing.point.value
+        found = SpecialPoint(crossing.kind, parameter, value, crossing.interval, orbit, crossing.status)
+        rows.append((crossing.before + 0.5, orbit, found))
+    rows.sort(key=lambda row: row[0])
+    met = tuple(found for _, _, found in rows if found is not None)
+    return Branch(tuple(orbit for _, orbit, _ in rows), parameter, (*special, *met), ends)
+
+
+def _turns_up(points: list[Point], i: int) -> bool:
+    """Tell whether the parameter is smallest at a fold."""
+    beside = points[i - 1] if i else points[i + 1]
+    return beside.value > points[i].value
+
+
+def _said(points: list[Point], i: int) -> str:
+    """Return what happens at a point of a branch, nothing where it is an ordinary one."""
+    point = points[i]
     if point.kind == "fold":
-        return f"{'smallest' if walk.points[i - 1].direction < 0 else 'largest'} value of the parameter, solved for"
+        return f"{'smallest' if _turns_up(points, i) else 'largest'} value of the parameter, solved for"
     said = {
         "grazing": "a contact begins or ceases to close, solved for",
         "fold not located": "the branch turns here; its extremum was not found",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.bifurcations import special_points
+from hbbogie.branches.closed_form import exact_trace
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
@@ -17,6 +18,7 @@ from hbbogie.branches.motions import cycle_after
 from hbbogie.branches.switching import first_beyond
 from hbbogie.equilibria.census import Start
 from hbbogie.errors import ModelError
+from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
 from hbbogie.model.ranges import check_interval
@@ -34,7 +36,7 @@ CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 
 
 def trace(
-    equations: Equations,
+    equations: Equations | ExactEquations,
     start: Orbit | SpecialPoint | Start,
     parameter: str,
     interval: tuple[float, float],
@@ -51,7 +53,9 @@ def trace(
 
     Parameters
     ----------
-    equations : Equations
+    equations : Equations or ExactEquations
+        In closed form step lengths are chosen from the curvature, every cycle is judged, and branches that begin at
+        special points other than Hopf points are not followed.
     start : Orbit, SpecialPoint, Trajectory, mapping from name to value or sequence of float
         A cycle on or near the branch, or a state: the motion from it leads to the cycle. From a Hopf point the branch
         is followed towards growing amplitude, beginning where a gap first closes if the system is linear until then;
@@ -97,11 +101,13 @@ def trace(
     H. B. Keller, in Applications of Bifurcation Theory, Academic Press 1977, 359-384 (eq-arclength).
     """
     lo, hi = check_interval(equations.system, parameter, interval)
+    start = start if isinstance(start, Orbit | SpecialPoint) else cycle_after(equations.system, start)
+    if isinstance(equations, ExactEquations):
+        return exact_trace(equations, start, parameter, (lo, hi), max_points)
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(f"trace: {step=}, {longest=}, {max_points=}; need 0 < step <= longest, 2 points.")
     if equations.phase is None:
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
-    start = start if isinstance(start, Orbit | SpecialPoint) else cycle_after(equations.system, start)
     special = start if isinstance(start, SpecialPoint) else None
     origin = start.orbit if isinstance(start, SpecialPoint) else start
     equations = within_level(equations.phased(origin), origin)
@@ -115,12 +121,7 @@ def trace(
             f"trace: the start has {parameter} = {p[place]:g}, outside the interval ({lo:g}, {hi:g}); widen it."
         )
     curve = CycleCurve(equations, parameter, (lo, hi), p, tolerance, families)
-    if special is not None and special.onward is not None:
-        first, both = first_beyond(curve, special)
-    elif special is not None and from_hopf:
-        first, both = _first_point(curve, first_cycle(equations, special), equations, growing=True), False
-    else:
-        first, both = _first_point(curve, origin, equations, growing=False), True
+    first, both = _begin(curve, start)
     # a fold may follow closely where a gap first closes
     begin = step * CAREFUL if from_hopf else step
 
@@ -142,10 +143,22 @@ def trace(
         del points[place]  # its neighbours enclose it, and it is located anew
     judge = stability and any(abs(point.tangent[-1]) >= VERTICAL for point in points)
     if special is not None and from_hopf and judge:
-        special = onset(special, equations.system.with_parameters(**{parameter: special.value}), points)
+        values = [float(point.u[-1]) for point in points[:2]]
+        special = onset(special, equations.system.with_parameters(**{parameter: special.value}), values)
     known = {place: special} if special is not None and begins and judge else {}
     orbits, met = special_points(curve, points, judge=judge, known=known)
     return Branch(tuple(orbits), parameter, met, (_said(beginning), _said(end)))
+
+
+def _begin(curve: CycleCurve, start: Orbit | SpecialPoint) -> tuple[Point, bool]:
+    """Return the first point, and whether the branch goes on to both sides of it."""
+    if isinstance(start, Orbit):
+        return _first_point(curve, start, curve.equations, growing=False), True
+    if start.onward is not None:
+        return first_beyond(curve, start)
+    if start.kind == "hopf":
+        return _first_point(curve, first_cycle(curve.equations, start), curve.equations, growing=True), False
+    return _first_point(curve, start.orbit, curve.equations, growing=False), True
 
 
 def _said(end: Ending) -> Ending:

@@ -107,28 +107,25 @@ def find_cycles(
     census.follow_branches()
     census.simulate()
     census.look_beside()
-    found, undecided = census.found, census.undecided
+    found, undecided = census.found, ""
     if census.family and not found:
         raise ModelError(census.family)
     if census.family:
         census.evidence.append("a candidate is not isolated: it is one of a continuous family, or a fold is near")
-    if not found and undecided and not census.running:
+    if not found and census.undecided and not census.running:
         found, undecided = _longer(census)
-    if not found and undecided and not census.running:
-        raise ConvergenceError(
-            f"whether {system.name!r} has a cycle at {name} = {census.value:g} is undecided: {undecided[0]}",
-            statistics={"evidence": tuple(census.evidence)},
-        )
+    if not found and undecided:
+        raise ConvergenceError(undecided, statistics={"evidence": tuple(census.evidence)})
     if not found:
         census.say_none()
     if harmonics == "auto":
-        judged = [_enough(o, tolerance) if o.method.startswith("multiple") else o for o in once_each(found)]
+        judged = [_enough(o, tolerance) if o.method.startswith(("multiple", "exact")) else o for o in once_each(found)]
     else:
         judged = _balanced(census, once_each(found), int(harmonics), stability)
     return Cycles([o if stability else o.replace(stability=None) for o in judged], census.evidence)
 
 
-def _longer(census: Census) -> tuple[list[Orbit], list[str]]:
+def _longer(census: Census) -> tuple[list[Orbit], str]:
     """Let motions settle for as long as it takes, forwards and backwards in time; return cycles and what is open."""
     system, name = census.system, census.parameter
     for H in ORDERS:
@@ -138,17 +135,17 @@ def _longer(census: Census) -> tuple[list[Orbit], list[str]]:
             if error.statistics.get("unresolved", True) and ORDERS[-1] != H:
                 continue
             if error.orbit is not None and (polished := census.polished(error.orbit)) is not None:
-                return [polished], []
+                return [polished], ""
             census.evidence.append(f"motions of up to the longest time: {error}")
-            return [], [str(error)]
+            return [], str(error)
         for cycle in settled:
             if not _isolated(HarmonicBalance(H).equations(system), cycle):
                 raise ModelError(family_message(system, name, cycle))
         for cycle in settled:
             census.consider(cycle, "a motion that settles")
         census.evidence.append(f"motions of up to the longest time settle on {len(settled)} cycle(s)")
-        return census.found, []
-    return [], []
+        return census.found, ""
+    return [], ""
 
 
 def _balanced(census: Census, found: list[Orbit], H: int, stability: bool) -> list[Orbit]:

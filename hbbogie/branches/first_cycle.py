@@ -65,7 +65,7 @@ def first_cycle(equations: Equations, hopf: SpecialPoint) -> Orbit:
 
 
 def _touching(system: System, orbit: Orbit, wave: Array) -> float:
-    """Return the factor at which the wave, added to the equilibrium, first touches a contact."""
+    """Return the factor at which the wave, added to the equilibrium, first reaches where a law changes its line."""
     p, rest, omega = system.vector(**orbit.parameters), orbit.coefficients[0], orbit.omega
     cosine, sine = wave[1], wave[2]
     factors = [np.inf]
@@ -79,6 +79,6 @@ def _touching(system: System, orbit: Orbit, wave: Array) -> float:
         reach = float(np.hypot(u[0], u[1]))
         for direction, g in zip(element.directions, element.ramps(p)[3].full().ravel(), strict=True):
             room = float(g) - direction * u0
-            if reach > 0 and room > 0:
-                factors.append(room / reach)
+            if reach > 0 and room != 0:  # a contact begins, or one in which the equilibrium rests ends
+                factors.append(abs(room) / reach)
     return min(factors)

@@ -28,7 +28,9 @@ LIKE = 0.03  # distance of means and extremes up to which a motion is near a kno
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
 TURN = 2 * np.pi
 HARMONICS = 255  # of the recurrence, at most
-AROUND, FINE = 5, 1000  # samples on each side of a recurrence, and places looked at between two of them
+AROUND, FINE = 4, 200  # samples on each side of a recurrence, and places looked at between two of them
+CANDIDATES = 6  # samples near which the end of a motion may be met before
+ONE_RETURN = 1e-3  # distance of a return from closed that makes it a period, whether or not later ones are closer
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +147,8 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         if gap <= closest:
             closest = gap / CLOSER
             orbit = _orbit(system, states, back, h, p)
-            mark, width = (
-                signature(orbit),
-                np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), BLOCKS),
-            )
-            if any(abs(mark[0] / k[0] - 1) < LIKE and (np.abs(mark - k)[1:] < LIKE * width).all() for k in known):
+            width = np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), BLOCKS)
+            if any(_alike(signature(orbit), other, width) for other in known):
                 yield Recurrence("known", orbit, elapsed)
                 return
             yield Recurrence("cycle", orbit, elapsed)
@@ -177,6 +176,13 @@ def _running(system: System, states: Array, h: float) -> tuple[str, float] | Non
     return None
 
 
+def _alike(mark: Array, known: Array, width: Array) -> bool:
+    """Tell whether a recurrence is near a known cycle, run through once or several times."""
+    times = known[0] / mark[0]
+    same_period = abs(times / max(1, round(times)) - 1) < LIKE
+    return bool(same_period and (np.abs(mark - known)[1:] < LIKE * width).all())
+
+
 def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:
     """Return after how many samples the end of a motion was met before, and how closely, relative to the ranges."""
     wide = np.where(spread > 1e-9 * spread.max(), spread, np.inf)
@@ -188,16 +194,25 @@ def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:
     low = 1 + np.flatnonzero((d[1:-1] <= d[:-2]) & (d[1:-1] < d[2:]))
     if not len(low):
         return None
-    best = d[low].min()
-    near = low[d[low] <= max(2 * best, 0.1)]  # the first return is a period, later ones are several
-    k = int(near[0]) + int(away[0])
-    # a cubic through the samples around: their distance is too long for a straight line where a motion is not smooth
-    last = len(states) - 1
-    around = np.arange(max(0, last - k - AROUND), min(last, last - k + AROUND) + 1)
-    there = last - k + np.linspace(-1, 1, 2 * FINE + 1)
-    gaps = np.linalg.norm(CubicSpline(around, states[around] / wide)(there) - states[-1] / wide, axis=1)
+    last, samples = len(states) - 1, states / wide
+    lowest = np.sort(low[np.argsort(d[low])[:CANDIDATES]]) + int(away[0])
+    returns = [_closest(samples, last - k) for k in lowest]
+    near = max(2 * min(gap for _, gap in returns), ONE_RETURN)
+    # the first return is a period, later ones are several
+    place, gap = next(r for r in returns if r[1] <= near)
+    return last - place, gap
+
+
+def _closest(samples: Array, k: int) -> tuple[float, float]:
+    """Return where between the samples around one of them the last one is met most closely, and how closely.
+
+    The samples lie on a cubic: their distance is too long for a straight line where a motion is not smooth.
+    """
+    around = np.arange(max(0, k - AROUND), min(len(samples) - 1, k + AROUND) + 1)
+    places = k + np.linspace(-1, 1, 2 * FINE + 1)
+    gaps = np.linalg.norm(CubicSpline(around, samples[around])(places) - samples[-1], axis=1)
     closest = int(np.argmin(gaps))
-    return last - float(there[closest]), float(gaps[closest])
+    return float(places[closest]), float(gaps[closest])
 
 
 def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Orbit:

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
@@ -15,7 +14,7 @@ SAMPLES = 4096
 BLOCKS = 5  # numbers of a signature for each coordinate
 SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
 AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
-REPEATS = 1e-6  # harmonics, relative to the largest, without which a cycle goes round several times
+ABSENT = 1e-6  # share of a coordinate's largest harmonic up to which another one is not there
 RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and distance of the extremes of others
 
 
@@ -54,15 +53,17 @@ def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
     return bool((np.abs(first - second) <= far * width).all())
 
 
-def primitive(orbit: Orbit) -> Orbit:
-    """Return a cycle that goes round several times in its period as one that goes round once; else itself."""
+def of_prime_period(orbit: Orbit) -> Orbit:
+    """Return a cycle that was run through several times as one that is run through once."""
+    waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
+    size = np.maximum(waves.max(axis=0), 1e-12 * waves.max(initial=0.0))
+    present = 1 + np.flatnonzero((waves > ABSENT * size).any(axis=1))
+    times = int(np.gcd.reduce(present)) if len(present) else 1
+    if times == 1:
+        return orbit
     c = orbit.coefficients
-    for k in (2, 3, 5):
-        kept = fourier.rows_of(range(k, orbit.H + 1, k))
-        others = np.setdiff1d(np.arange(1, len(c)), kept)
-        if len(kept) and np.abs(c[others]).max(initial=0.0) <= REPEATS * np.abs(c[kept]).max():
-            return primitive(orbit.replace(coefficients=c[[0, *kept]], omega=k * orbit.omega))
-    return orbit
+    pairs = [c[2 * h - 1 : 2 * h + 1] for h in range(times, orbit.H + 1, times)]
+    return orbit.replace(coefficients=np.concatenate([c[:1], *pairs]), omega=times * orbit.omega)
 
 
 def once_each(orbits: Iterable[Orbit]) -> list[Orbit]:

@@ -1,6 +1,6 @@
 """Design: parameters that raise the critical speed, their robustness, and parameters identified from measured cycles.
 
-A `System`, a range for each free parameter and limits go in; a `Design` with its evidence comes out.
+A `System`, a range for each free parameter, and limits go in. A `Design` with its evidence comes out.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What a design is judged by: functions of parameters, eigenvalues, cycles, critical values, with exact gradients."""
+"""Criteria for designs: functions of parameters, eigenvalues, cycles and critical values, with exact gradients."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class Quantity(Protocol):
-    """What may be limited, raised or lowered.
+    """A quantity that can be limited, raised or lowered.
 
     Attributes
     ----------
@@ -32,19 +32,19 @@ class Quantity(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is."""
+        """Its name."""
 
     @property
     def unit(self) -> str:
         """Its unit."""
 
     def rows(self, point: DesignPoint) -> list[Row]:
-        """Return its values with gradients: several where it is the smallest (or largest) of several."""
+        """Return its values with gradients; several if the quantity is the smallest (or largest) of several values."""
 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """A limit on a quantity; all its rows have to keep it.
+    """A limit on a quantity, which all its rows have to satisfy.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class CriticalValue:
-    """The smallest critical value over the range: one row for each Hopf point and fold, and the end of the range."""
+    """The smallest critical value in the range: a row for each Hopf point and fold, and one for the range's end."""
 
     name: str = "critical value"
     unit: str = ""
@@ -83,7 +83,7 @@ class Expression:
     ----------
     name : str
     of : callable
-        Parameters by name -> expression, such as ``lambda p: 2 * p["K2"] * p["d1"] ** 2``; CasADi differentiates it.
+        Parameters by name -> expression, such as ``lambda p: 2 * p["K2"] * p["d1"] ** 2``, which CasADi differentiates.
     unit : str
     """
 
@@ -116,12 +116,12 @@ class Expression:
 
 
 def cost_of_change(system: System, names: Sequence[str]) -> Expression:
-    """Return the cost of leaving the values of a system: the sum of the squared logarithms of the ratios, times 100.
+    """Return the cost of a change: 100 times the sum of the squared logarithms of the ratios to a system's values.
 
     Parameters
     ----------
     system : System
-        With the values that cost nothing.
+        Its values cost nothing.
     names : sequence of str
         Parameters with positive values.
     """
@@ -131,7 +131,7 @@ def cost_of_change(system: System, names: Sequence[str]) -> Expression:
 
 @dataclass(frozen=True, eq=False)
 class DampingRatio:
-    """The damping ratio of the oscillating modes of the equilibrium, -Re / abs of each eigenvalue; a row for each.
+    """The damping ratio of the oscillating modes of the equilibrium, -Re / abs of each eigenvalue, with a row for each.
 
     Attributes
     ----------
@@ -144,11 +144,11 @@ class DampingRatio:
 
     @property
     def name(self) -> str:
-        """What it is, and where."""
+        """Its name, with the value at which it is taken."""
         return f"damping ratio at {self.at:g}"
 
     def rows(self, point: DesignPoint) -> list[Row]:
-        """Return the rows, by growing frequency."""
+        """Return the rows, in order of frequency."""
         system = point.system
         _check_within(point, self.name, self.at)
         line = Linearisation(system, point.parameter)
@@ -175,7 +175,7 @@ def _check_within(point: DesignPoint, what: str, value: float) -> None:
 
 
 def _damping_slopes(value: complex, slopes: NDArray[np.complex128]) -> Array:
-    """Return the derivatives of -cos(arg value) = -Re(value) / abs(value), by those of ln(value)."""
+    """Return the derivatives of -cos(arg value) = -Re(value) / abs(value) from those of ln(value)."""
     angle = np.angle(value)
     return np.asarray(np.sin(angle) * (slopes / value).imag)
 
@@ -197,16 +197,16 @@ class Peak:
     of : str
         Name of a coordinate or of an element, such as "q1" or "front flange".
     at : float, unit of the parameter whose critical value is raised
-        Where; or else
+        The value at which the peak is taken. Give either this or
     overspeed : float
-        where, as a share beyond the smallest critical value. The derivative follows the smallest one.
+        the fraction by which this value exceeds the smallest critical value. The derivative follows that value.
     unit : str
 
     Notes
     -----
-    The cycle solves F(z, p) = 0, so dz/dp = -F_z^-1 F_p; at its maximum the signal does not vary with the phase, so
-    that the phase may be held. Of several cycles the stable one is meant, of several stable ones the largest. Where
-    there is no cycle there is no row, and a limit is kept.
+    The cycle solves F(z, p) = 0, so dz/dp = -F_z^-1 F_p. At its maximum the signal does not vary with the phase, so the
+    phase may be held fixed. If there are several cycles, the stable one is taken, and if there are several stable ones,
+    the largest. If there is no cycle there is no row, and a limit counts as satisfied.
     """
 
     of: str
@@ -222,12 +222,12 @@ class Peak:
 
     @property
     def name(self) -> str:
-        """What it is, and where."""
+        """Its name, with the value at which it is taken."""
         where = f"at {self.at:g}" if self.at is not None else f"at {100 * (self.overspeed or 0):g} % overspeed"
         return f"peak of {self.of} {where}"
 
     def rows(self, point: DesignPoint) -> list[Row]:
-        """Return the one row, or none where there is no cycle."""
+        """Return the one row, or none if there is no cycle."""
         equations, share = point.equations, self.overspeed or 0.0
         value = self.at if self.at is not None else point.beyond(share)
         _check_within(point, self.name, value)
@@ -259,7 +259,7 @@ class Peak:
 
 
 def _signal(equations: Equations, of: str) -> tuple[ca.Function, ca.Function]:
-    """Return (q, v, p) -> signal, and (phase, z, p) -> signal, its two derivatives in it, its gradient in (z, p)."""
+    """Return (q, v, p) -> signal, and (phase, z, p) -> signal, two derivatives in the phase, gradient in (z, p)."""
     system = equations.system
     H = (equations.coefficients.size1_out(0) - 1) // 2
     tau, z, p = ca.MX.sym("tau"), ca.MX.sym("z", equations.size), ca.MX.sym("p", len(system.parameters))

@@ -1,8 +1,8 @@
 """Identification: parameters of a system from measured cycles, by constrained least squares.
 
-Every measured row is a cycle of the system, with its own unknowns; the identified parameters theta are
-common to all rows. One nonlinear program holds the equations of all cycles as constraints and minimises
-the squares of (measured - computed) / sigma, with exact first derivatives and the Gauss-Newton Hessian.
+Every measured row is a cycle of the system, with its own unknowns. The identified parameters theta are common to all
+rows. One nonlinear program has the equations of all cycles as constraints and minimises the sum of the squares of
+(measured - computed) / sigma, with exact first derivatives and the Gauss-Newton Hessian.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 __all__ = ["Identification", "Parametrisation", "identify"]
 OUTLIER = 3.5  # distance from the median, in robust standard deviations (1.4826 MAD)
 TUKEY = 4.685  # distance at which the biweight reaches 0
-ROUNDS = 20  # of reweighting
+ROUNDS = 20  # largest number of reweightings
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,23 +36,23 @@ class Identification:
     Attributes
     ----------
     estimates, errors : dict of float
-        Of each identified number, and its standard error, scaled by the misfit found: only the ratios of
-        the sigmas matter.
+        Estimates of the identified numbers, and their standard errors. The errors are scaled by the misfit found, so
+        only the ratios of the sigmas matter.
     correlation : ndarray, shape (number of estimates, number of estimates)
     parameters : dict of float
-        Values of the system's parameters that follow.
+        The resulting values of the system's parameters.
     quantities : tuple of str
-        What was measured: the columns of the next two.
+        The measured quantities: the columns of the next two arrays.
     residuals : ndarray, shape (rows, quantities), unit of the quantity
-        Measured - computed; NaN where not measured.
+        Measured - computed; NaN where nothing was measured.
     weights : ndarray, shape (rows, quantities)
-        Factor with which each residual counted, 0 to 1; 0 for rows left out, whose cycles fit their own row best.
+        Weight of each residual, 0 to 1; 0 for excluded rows, whose cycles are fitted to their own row alone.
     outliers : tuple of int
         Places of rows farther from the median than 3.5 robust standard deviations in some quantity.
     sum_of_squares : float
-        Of the weighted residuals in units of sigma.
+        Of the weighted residuals, in units of sigma.
     freedom : int
-        Number of residuals that count less the number of unknowns.
+        Degrees of freedom: the number of residuals that count minus the number of unknowns.
     orbits : tuple of Orbit
         The computed cycle of each row.
     status : str
@@ -87,22 +87,22 @@ def identify(
     Parameters
     ----------
     equations : Equations
-        Their system's values are where the search begins, and hold for all other parameters.
+        The search begins at the values of their system, which also apply to all other parameters.
     rows : sequence of mappings
-        What was measured of each cycle: "omega" [rad/s], first-harmonic amplitudes by the coordinate's name,
-        parameters by their name, such as ``{"V": 90.0, "omega": 28.42, "q1": 0.0104, "q3": 0.0097}``. A named
-        parameter has its own value in each row; None where it was not measured. A Hopf point is a row with
-        a small amplitude (below contact the amplitude does not matter).
+        The measurements of each cycle: "omega" [rad/s], first-harmonic amplitudes by the name of the coordinate, and
+        parameters by name, such as ``{"V": 90.0, "omega": 28.42, "q1": 0.0104, "q3": 0.0097}``. A named parameter has
+        its own value in each row, or None where it was not measured. A Hopf point is a row with a small amplitude
+        (without contact the amplitude does not matter).
     free : sequence of str, or Parametrisation
-        The parameters to identify, or a few numbers of which they are functions.
+        The parameters to identify, or a few numbers on which they depend.
     sigma : mapping from quantity to float, in its unit
-        Standard deviation of each measured quantity; 0 for what is to be met exactly in each row.
+        Standard deviation of each measured quantity; 0 for quantities that must be met exactly in each row.
     exclude : sequence of int
-        Places of rows that do not count; their misfit is shown all the same.
+        Places of rows that do not count. Their misfit is still shown.
     robust : bool
-        Take weight from residuals far from the others (Tukey's biweight on 1.4826 MAD of each quantity).
+        Reduce the weight of residuals far from the others (Tukey's biweight on 1.4826 MAD of each quantity).
     guesses : sequence of Orbit, optional
-        One for each row; by default cycles followed from the Hopf point over amplitude, at the start values.
+        One for each row. By default, cycles are followed over amplitude from the Hopf point, at the start values.
 
     Returns
     -------
@@ -117,9 +117,9 @@ def identify(
 
     Notes
     -----
-    ``robust`` asks for rows with more weighed quantities than unknowns of their own. Where an amplitude is
-    weighed that the parameter depends on steeply, each row can give way to one of its quantities, and
-    quantities that agree by that are taken for the truth: hold the amplitude then.
+    ``robust`` requires rows with more weighted quantities than unknowns of their own. If the parameter depends steeply
+    on a weighted amplitude, each row can adapt to one of its quantities, and quantities that agree only for this reason
+    are taken for the truth. In that case, hold the amplitude with sigma 0.
     """
     given = free if isinstance(free, Parametrisation) else _one_by_one(equations, free)
     table = Measured(equations, rows, sigma)
@@ -153,7 +153,7 @@ def identify(
 
 
 def _freedom(program: Misfit) -> int:
-    """Return the number of residuals less the number of unknowns; raise `ModelError` where it is negative."""
+    """Return the number of residuals minus the number of unknowns; raise `ModelError` if it is negative."""
     table, unknowns = program.table, len(program.given.start)
     counted = int(np.isfinite(table.measured[:, table.weighed]).sum())
     freedom = counted - unknowns - len(table.measured) * (len(table.own) - len(table.held))
@@ -166,7 +166,7 @@ def _freedom(program: Misfit) -> int:
 
 
 def _aside(equations: Equations, table: Measured, orbit: Orbit) -> tuple[Array, Orbit]:
-    """Return misfit and cycle of a row that does not count, at the identified parameters; NaN where it has none."""
+    """Return misfit and cycle of an excluded row at the identified parameters; NaN if it has no cycle."""
     program = Misfit(equations, Parametrisation({}, dict), table)
     try:
         x = program.solve(program.start([orbit]), np.where(np.isfinite(table.measured), 1.0, 0.0))
@@ -215,14 +215,14 @@ def _distance(misfit: Array, counted: Array, sigma: Array) -> Array:
     for k in np.flatnonzero(np.isfinite(counted).any(axis=0) & (sigma > 0)):
         r = counted[np.isfinite(counted[:, k]), k]
         median = np.median(r)
-        # a thousandth of sigma at least: exact data have no outliers
+        # at least a thousandth of sigma, so that exact data have no outliers
         spread = max(1.4826 * float(np.median(np.abs(r - median))), 1e-3 * sigma[k])
         distance[:, k] = np.where(np.isfinite(misfit[:, k]), np.abs(misfit[:, k] - median) / spread, 0.0)
     return distance
 
 
 def _walk(equations: Equations, table: Measured) -> list[Orbit]:
-    """Return a cycle for each row at the start values, by growing amplitude from the Hopf point."""
+    """Return a cycle for each row at the start values, following growing amplitudes from the Hopf point."""
     system = equations.system
     places = [k for k, n in enumerate(table.names) if n in system.coordinate_names]
     places = [k for k in places if np.isfinite(table.measured[:, k]).all()]

@@ -1,7 +1,7 @@
-"""Minimise the largest of several smooth functions under constraints, when their number may change on the way.
+"""Minimise the largest of several smooth functions under constraints; their number may change during the search.
 
-Sequential quadratic programming with an exact penalty in a trust region: the functions are the rows of the program,
-so that the kink where the largest one changes is met by its own structure and not smoothed.
+The method is sequential quadratic programming with an exact penalty in a trust region. The functions are separate rows
+of the program, so the kink where another function becomes the largest needs no smoothing.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from hbbogie.results.failure import FAILURES, ConvergenceError
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
-ACCEPTED, GOOD = 0.05, 0.7  # share of the predicted improvement from which a step is taken, and the next may be longer
-ROUND_OFF = 1e-13  # relative improvement that cannot be measured
-STATIONARY = 1e-6  # share of the violations whose removal would count
-LONGEST, SHORTEST = 0.5, 1e-9  # radius of the trust region
-PENALTY, HIGHEST = 1.0, 1e6  # weight of violated constraints: first and last
-LEAST, AMPLE = 0.1, 10.0  # the weight: at least so much, and so many times the largest multiplier
+ACCEPTED, GOOD = 0.05, 0.7  # share of the predicted improvement at which a step is accepted, and the next may be longer
+ROUND_OFF = 1e-13  # relative improvement too small to be measured
+STATIONARY = 1e-6  # smallest reduction of the violations that counts, as a share
+LONGEST, SHORTEST = 0.5, 1e-9  # largest and smallest radius of the trust region
+PENALTY, HIGHEST = 1.0, 1e6  # weight of violated constraints: initial and largest
+LEAST, AMPLE = 0.1, 10.0  # that weight is at least the first number, and the second times the largest multiplier
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +41,9 @@ class Sample(Generic[T]):
     slopes : dict of ndarray, shape (n,)
         Gradients of both, by name.
     point : object
-        What the caller keeps with it.
+        Data that the caller keeps with it.
     curvatures : dict of callable
-        Where they are known: functions without arguments that return second derivatives, shape (n, n), by name.
+        Functions without arguments that return second derivatives, shape (n, n), by name, where these are known.
     """
 
     f: dict[str, float]
@@ -73,7 +73,7 @@ class Minimum(Generic[T]):
     sample : Sample
         There.
     weights : dict of float
-        Of the functions, adding up to 1, and multipliers of the constraints, by name; those not zero.
+        Nonzero weights of the functions, which add up to 1, and nonzero multipliers of the constraints, by name.
     bounds : ndarray, shape (n,)
         Multipliers of the bounds: positive at an upper one, negative at a lower one.
     residual : float
@@ -107,12 +107,12 @@ def minimise_largest(
     Parameters
     ----------
     evaluate : callable
-        (x, what was kept at a point near by) -> Sample; raises `ConvergenceError` or another error of the numerics
-        where it cannot, which shortens the step.
+        (x, data kept at a nearby point) -> Sample. It raises `ConvergenceError` or another numerical error if it fails,
+        which shortens the step.
     x : ndarray, shape (n,)
         Where the search begins.
     near : object, optional
-        What was kept at a point near that.
+        Data kept at a point near the start.
     tolerance : float
         Largest entry of the gradient of the Lagrangian, and largest violation.
     iterations : int
@@ -124,7 +124,7 @@ def minimise_largest(
     Raises
     ------
     ConvergenceError
-        When the functions cannot be evaluated where the search begins, or the program of a step is not solved.
+        When the functions cannot be evaluated at the start, or the program of a step is not solved.
 
     References
     ----------
@@ -140,10 +140,10 @@ def minimise_largest(
         history.append((here.largest, here.violation, radius))
         step = _step(here, B, x, radius, penalty)
         if step.slack > 1e-12:
-            # the weight is right when a step removes half of what can be removed within the region
+            # the weight is large enough if a step removes half of the violation that can be removed within the region
             least = _step(here, B, x, radius, HIGHEST).slack
             if here.violation > tolerance and here.violation - least <= STATIONARY * here.violation:
-                status = f"ended after {len(history)} iterations: near by the constraints contradict each other"
+                status = f"ended after {len(history)} iterations: the constraints nearby contradict each other"
                 break
             while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
                 penalty *= 10
@@ -163,7 +163,7 @@ def minimise_largest(
                     step, there, gain = second, again, better
         length = float(np.abs(step.d).max())
         if there is not None and abs(expected) <= ROUND_OFF * max(1.0, abs(here.largest)):
-            gain = expected  # too small to be measured: the step serves the conditions of optimality
+            gain = expected  # too small to be measured, so accept the step, which improves the optimality conditions
         if there is None or gain < ACCEPTED * expected:
             radius = min(radius, length) / 3
             if radius < SHORTEST:
@@ -177,7 +177,7 @@ def minimise_largest(
         rest = _updated(rest, here, there, step)
         x, here = np.clip(x + step.d, 0.0, 1.0), there
         largest = max((w for i, w in step.weights.items() if i in here.c), default=0.0)
-        penalty = min(penalty, max(AMPLE * largest, LEAST))  # too dear, and no step may follow a curved constraint
+        penalty = min(penalty, max(AMPLE * largest, LEAST))  # if too large, no step could follow a curved constraint
         B = _known(here, {i: w for i, w in step.weights.items() if i in here.slopes}, x) + rest
     if here.violation > tolerance:
         worst = max(here.c, key=lambda name: here.c[name])
@@ -211,7 +211,7 @@ def _step(
     n, names = len(x), [*here.f, *here.c]
     k = len(here.c)
     now = {**here.f, **here.c} if values is None else values
-    top = max(now[i] for i in here.f)  # t is counted from here: a small number beside the others
+    top = max(now[i] for i in here.f)  # t is measured from its present value, to be as small as the other unknowns
     A = np.zeros((len(names), n + 1 + k))
     A[:, :n] = [here.slopes[i] for i in names]
     A[: len(here.f), n] = -1.0
@@ -222,7 +222,7 @@ def _step(
     lower = np.concatenate([np.maximum(-radius, -x), [-np.inf], np.zeros(k)])
     upper = np.concatenate([np.minimum(radius, 1 - x), np.full(1 + k, np.inf)])
     cost = np.concatenate([np.zeros(n), [1.0], np.full(k, penalty)])
-    with contextlib.redirect_stdout(io.StringIO()):  # where the solver shows its name, against its options
+    with contextlib.redirect_stdout(io.StringIO()):  # the solver prints its name whatever its options are
         solver = _solver(n + 1 + k, len(names))
         out = solver(h=H, g=cost, a=A, lba=-np.inf, uba=right, lbx=lower, ubx=upper)
     y, lam = out["x"].full().ravel(), out["lam_a"].full().ravel()
@@ -256,14 +256,14 @@ def _corrected(here: Sample[Any], there: Sample[Any], d: Array) -> dict[str, flo
 
 
 def _lagrangian(sample: Sample[Any], weights: dict[str, float]) -> Array | None:
-    """Return the gradient of the Lagrangian; None when a row of it does not exist at the sample."""
+    """Return the gradient of the Lagrangian; None if one of its rows does not exist at the sample."""
     if not all(i in sample.slopes for i in weights):
         return None
     return np.asarray(sum(w * sample.slopes[i] for i, w in weights.items()))
 
 
 def _projected(sample: Sample[Any], step: _Step, x: Array) -> Array:
-    """Return the gradient of the Lagrangian without what the bounds hold, and without what a step would gain."""
+    """Return the gradient of the Lagrangian without what active bounds hold, followed by the complementarity gaps."""
     g = _lagrangian(sample, step.weights)
     g = np.zeros(len(x)) if g is None else g
     held = _held(x, g)
@@ -276,9 +276,9 @@ def _gap(sample: Sample[Any], name: str) -> tuple[float, float]:
 
 
 def _known(sample: Sample[Any], weights: dict[str, float], x: Array) -> Array:
-    """Return what is known of the Hessian of the Lagrangian, along the rows and bounds that hold the design.
+    """Return the known part of the Hessian of the Lagrangian along the active rows and bounds.
 
-    Across them steps are not free to use it, and there it may well be negative, which the program must not be.
+    Across these no step is free, and there the Hessian may be indefinite, which the quadratic program does not allow.
     """
     H = sum((w * sample.curvatures[i]() for i, w in weights.items() if i in sample.curvatures), np.zeros((len(x),) * 2))
     slopes = [sample.slopes[i] for i in weights if i in sample.f]
@@ -294,12 +294,12 @@ def _known(sample: Sample[Any], weights: dict[str, float], x: Array) -> Array:
 
 
 def _held(x: Array, g: Array) -> NDArray[np.bool_]:
-    """Return which bounds hold a point against the descent of a function with gradient g."""
+    """Return which bounds prevent a descent from a point at which a function has the gradient g."""
     return ((x <= 1e-9) & (g > 0)) | ((x >= 1 - 1e-9) & (g < 0))
 
 
 def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: _Step) -> Array:
-    """Return Powell's damped update of the Hessian of the rest of the Lagrangian, not known otherwise."""
+    """Return Powell's damped update of the Hessian of the rest of the Lagrangian, whose derivatives are not known."""
     weights = {i: w for i, w in step.weights.items() if i not in here.curvatures}
     before, after = _lagrangian(here, weights), _lagrangian(there, weights)
     s = step.d

@@ -17,9 +17,9 @@ from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-IGNORED = 1e-3  # smallest weight of what a robust fit rejects, a millionth in the squares: its cycle stays determined
+IGNORED = 1e-3  # smallest weight in a robust fit, a millionth in the squares, which keeps the row's cycle determined
 POLISHING = 50  # Gauss-Newton steps after IPOPT
-UNDETERMINED = 1e-11  # smallest singular value relative to the largest
+UNDETERMINED = 1e-11  # relative singular value below which parameters count as undetermined
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Parametrisation:
 
 
 class Measured:
-    """The measured rows as an array, sorted into what is met exactly and what is weighed."""
+    """The measured rows as an array, divided into quantities met exactly and quantities weighted."""
 
     def __init__(self, equations: Equations, rows: Sequence[Mapping[str, float | None]], sigma: Mapping[str, float]):
         system = equations.system
@@ -94,7 +94,7 @@ class Misfit:
 
     def __init__(self, equations: Equations, given: Parametrisation, table: Measured):
         self.equations, self.given, self.table, self.status = equations, given, table, "not solved"
-        self.outside: list[str] = []  # names of numbers that left their bounds
+        self.outside: list[str] = []  # names of the numbers that left their bounds
         system, own = equations.system, table.own
         self.theta_scale = np.array([abs(float(v)) or 1.0 for v in given.start.values()])
         symbols = [ca.SX.sym(n) for n in given.start]
@@ -151,7 +151,7 @@ class Misfit:
         return ca.norm_2(self.equations.coefficients(z, p)[1:3, system.index(name)])
 
     def _build(self, row: ca.Function) -> None:
-        """Put the rows together, and the solver."""
+        """Assemble the rows, and build the solver."""
         table, n_t, n_y = self.table, len(self.theta_scale), len(self.row_scale)
         R, K = len(table.measured), len(table.weighed)
         measured = np.nan_to_num(table.measured).T
@@ -162,7 +162,7 @@ class Misfit:
             ca.horzcat(*([ca.vertcat(*ca.horzsplit(c, n_t))] if n_t else []), ca.diagcat(*ca.horzsplit(b, n_y)))
             for b, c in ((G_y, G_t), (r_y, r_t))
         ]
-        # the objective of order 1: residuals count in units of the largest size over sigma
+        # scale the objective to order 1: residuals count in units of the largest size over sigma
         self.unit = float(np.max(table.size[table.weighed] / table.sigma[table.weighed], initial=1.0))
         r = ca.vec(r) * w / self.unit
         J = ca.diag(w) @ whole[1] / self.unit
@@ -189,7 +189,7 @@ class Misfit:
         return np.r_[np.array(list(self.given.start.values())) / self.theta_scale, *rows]
 
     def solve(self, x: Array, weights: Array) -> Array:
-        """Return the minimum with the weights, shape (rows, quantities): by IPOPT, polished by Gauss-Newton steps.
+        """Return the minimum for the given weights, shape (rows, quantities), by IPOPT and then Gauss-Newton steps.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class Misfit:
         return polished
 
     def polish(self, x: Array, weights: Array) -> Array | None:
-        """Return the minimum near x by Gauss-Newton steps; None where they diverge or theta leaves its bounds."""
+        """Return the minimum near x by Gauss-Newton steps; None if they diverge or theta leaves its bounds."""
         n, (lower, upper) = len(self.theta_scale), self._bounds()
         w, before, self.outside = weights[:, self.table.weighed].ravel(), np.inf, []
         for _ in range(POLISHING):
@@ -228,7 +228,7 @@ class Misfit:
             self.outside = [s for s, bad in zip(self.given.start, (x < lower) | (x > upper), strict=False) if bad]
             if self.outside or not np.abs(d[n:]).max() <= 1.0:
                 return None
-            if size <= 1e-12 or 0.3 * before < size <= 1e-7:  # to round-off, which is larger for a weak parameter
+            if size <= 1e-12 or 0.3 * before < size <= 1e-7:  # to round-off, larger for weakly determined parameters
                 return x
             before = size
         return None
@@ -244,14 +244,14 @@ class Misfit:
             parts.append(np.r_[np.array(theta) / self.theta_scale, np.tile(row, R)])
         return parts[0], parts[1]
 
-    # --- reading ----------------------------------------------------------------------------
+    # --- results ----------------------------------------------------------------------------
 
     def theta(self, x: Array) -> Array:
         """Return the identified numbers."""
         return np.asarray(x[: len(self.theta_scale)] * self.theta_scale)
 
     def parameters(self, x: Array) -> dict[str, float]:
-        """Return the values of the system's parameters that follow."""
+        """Return the resulting values of the system's parameters."""
         names = [self.equations.system.parameter_names[i] for i in self.places]
         return dict(zip(names, map(float, self._parameters(self.theta(x))[0].full().ravel()), strict=True))
 

@@ -1,4 +1,4 @@
-"""Design: choose parameters within bounds so that the smallest critical value is as high as it can be."""
+"""Design: choose parameters within bounds so that the smallest critical value is as high as possible."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results.failure import FAILURES, ConvergenceError
 
-FEASIBLE = 1e-6  # sum of the relative violations up to which a design counts as keeping its limits
+FEASIBLE = 1e-6  # sum of the relative violations up to which a design counts as feasible
 
 
 @dataclass(frozen=True, eq=False)
 class Active:
-    """Something that holds the optimum where it is.
+    """A limit or bound that is active at the optimum.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Active:
         Its unit.
     side : {"lower", "upper"}
     multiplier : float
-        What the objective gains per unit by which the limit is relaxed, in its own unit.
+        Gain of the objective, in its own unit, per unit by which the limit is relaxed.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Active:
 
     @property
     def per_percent(self) -> float:
-        """What the objective gains when the limit is relaxed by a hundredth of itself."""
+        """Gain of the objective if the limit is relaxed by one per cent."""
         return self.multiplier * 0.01 * abs(self.limit)
 
 
@@ -56,11 +56,11 @@ class Start:
     Attributes
     ----------
     parameters : dict of float
-        Where it began.
+        Where the search began.
     value : float
-        The objective where it ended; NaN where it failed.
+        The objective where it ended; NaN if it failed.
     feasible : bool
-        Whether all limits are kept there.
+        Whether all limits are satisfied there.
     status : str
     """
 
@@ -83,14 +83,14 @@ class Design:
     objective : Quantity
     value_before, value : float, unit of the objective
     weights : dict of float
-        Share of each row of the objective in the optimum, adding up to 1: two or more where several critical values
-        are equally low.
+        Weight of each row of the objective at the optimum. The weights add up to 1. There are two or more if several
+        critical values are equally low.
     active : tuple of Active
-        What holds the optimum; nothing where limits are not kept, for multipliers then have no meaning.
+        The active limits and bounds; empty if limits are violated, because multipliers then have no meaning.
     limits : tuple of (name, unit, lower, upper, before, after)
-        Every row of every limit; NaN where a row does not exist.
+        Every row of every limit; NaN if a row does not exist.
     feasible : bool
-        Whether the optimised design keeps all limits.
+        Whether the optimised design satisfies all limits.
     residual : float
         Largest entry of the gradient of the Lagrangian, scaled.
     converged : bool
@@ -143,12 +143,12 @@ def optimise(
     tolerance: float = 1e-6,
     progress: Progress = silent,
 ) -> Design:
-    """Choose parameters within bounds so that the smallest critical value of a parameter is as high as it can be.
+    """Choose parameters within bounds so that the smallest critical value of another parameter is as high as possible.
 
     Parameters
     ----------
     system : System
-        Its values are the design before, where the first search begins (cut to the bounds).
+        Its values are the original design, at which the first search begins (moved to the bounds if outside).
     raise_ : str
         The parameter whose critical values, Hopf points and folds, are to be raised.
     over : mapping of (float, float)
@@ -156,18 +156,18 @@ def optimise(
     subject_to : sequence of Limit
         Further limits, such as ``Limit(DampingRatio(at=60.0), lower=0.05)``.
     maximise, minimise : Quantity, optional
-        What is raised instead of the smallest critical value, or lowered.
+        A quantity to be raised instead of the smallest critical value, or lowered.
     interval : (float, float), optional, unit of the parameter
-        Where critical values are looked for; as in `critical_speeds` where left out. A design without any has the end
-        of the range as its critical value.
+        Where critical values are searched for; by default as in `critical_speeds`. The critical value of a design
+        without any is the end of the range.
     harmonics : int
         Highest harmonic of the cycles.
     starts : int
-        Number of searches; the second and further ones begin at a Latin hypercube of designs within the bounds.
+        Number of searches. All but the first begin at a Latin hypercube of designs within the bounds.
     seed : int
-        Of the hypercube.
+        Seed of the hypercube.
     iterations : int
-        At most, of each search.
+        Largest number of iterations of each search.
     tolerance : float
         Largest entry of the scaled gradient of the Lagrangian.
     progress : callable
@@ -180,16 +180,17 @@ def optimise(
     Raises
     ------
     ModelError
-        For unknown names, bounds that are empty or not allowed, no start, or both ``maximise`` and ``minimise``.
+        For unknown names, bounds that are empty or not allowed, fewer than one start, or both ``maximise`` and
+        ``minimise``.
     ConvergenceError
-        When the system's own design cannot be judged: its critical value lies below the range.
+        When the original design cannot be judged, because its critical value lies below the range.
 
     Notes
     -----
-    The smallest of several values has a kink where the smallest one changes. So the program is: maximise t subject to
-    t <= each critical value (`minimise_largest`), every one of which is smooth, with the exact gradient
-    (eq-fold-gradient). Folds are followed from design to design; at the end all branches are traced, and the search
-    goes on when a lower critical value has appeared.
+    The smallest of several values has a kink where another one becomes the smallest. The program is therefore to
+    maximise t subject to t <= each critical value (`minimise_largest`). Each of these values is smooth and has an exact
+    gradient (eq-fold-gradient). Folds are followed from design to design. At the end all branches are traced, and the
+    search continues if a lower critical value has appeared.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A design: a system at one choice of its parameters, with the critical values there and what is computed from them."""
+"""A design: a system at one choice of its parameters, with its critical values and quantities derived from them."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Row:
     Attributes
     ----------
     name : str
-        The same from design to design.
+        The same for all designs.
     value : float
     gradient : ndarray, shape (number of parameters,)
         Derivative in every parameter of the system.
     hessian : callable, optional
-        Names of k parameters -> second derivatives in them, shape (k, k), where they are known.
+        Names of k parameters -> second derivatives in them, shape (k, k); None if they are not known.
     """
 
     name: str
@@ -58,12 +58,12 @@ class DesignPoint:
     system : System
     equations : Equations
     parameter : str
-        Whose critical values they are.
+        The parameter whose critical values these are.
     interval : (float, float), unit of the parameter
     critical : tuple of Critical
         Hopf points, and folds that are a minimum of the parameter, in increasing order.
     kept : dict
-        Cycles computed at this design, by the quantity that asked for them.
+        Cycles computed at this design, by the quantity that needed them.
     """
 
     system: System
@@ -75,11 +75,11 @@ class DesignPoint:
 
     @property
     def value(self) -> float:
-        """The smallest critical value, or the end of the range where there is none below it."""
+        """The smallest critical value, or the end of the range if there is none below it."""
         return min([c.value for c in self.critical] + [self.interval[1]])
 
     def beyond(self, share: float) -> float:
-        """Return the value a share beyond the smallest critical value."""
+        """Return the value that exceeds the smallest critical value by the given fraction."""
         return self.value + share * abs(self.value)
 
     def gradient(self, slopes: Mapping[str, float]) -> Array:
@@ -94,7 +94,7 @@ def design_point(
     harmonics: int = 15,
     near: DesignPoint | None = None,
 ) -> DesignPoint:
-    """Find the critical values at a design, from scratch or from a design near by.
+    """Find the critical values at a design, from scratch or from a nearby design.
 
     Parameters
     ----------
@@ -105,21 +105,21 @@ def design_point(
     harmonics : int
         Highest harmonic.
     near : DesignPoint, optional
-        Its folds are followed, and no branch is traced unless the number of Hopf points has changed; a fold that
-        exists no more is left out.
+        A nearby design, whose folds are followed. No branch is traced unless the number of Hopf points has changed. A
+        fold that no longer exists is left out.
 
     Raises
     ------
     ConvergenceError
-        When the equilibrium is unstable already where the range begins, or the smallest critical value is known without
-        its gradient.
+        When the equilibrium is already unstable at the beginning of the range, or the gradient of the smallest critical
+        value is not known.
     """
     equations = HarmonicBalance(harmonics).equations(system)
     eigenvalues = Linearisation(system, parameter).eigen(interval[0])[0]
     if eigenvalues[0].real > 1e-9 * np.abs(eigenvalues).max():
         raise ConvergenceError(
             f"the equilibrium is unstable already at {parameter} = {interval[0]:g}, where the range begins: the "
-            "critical value lies below it.",
+            "critical value lies below the range.",
             statistics={"below": interval[0]},
         )
     hopf = [] if near is None else hopf_points(system, parameter, interval)
@@ -148,7 +148,7 @@ def _followed(equations: Equations, c: Critical, parameter: str) -> Critical | N
 
 
 def critical_rows(point: DesignPoint) -> list[tuple[Row, Critical | None]]:
-    """Return value and gradient of every critical value, and of the end of the range, which none can exceed."""
+    """Return value and gradient of every critical value, and of the end of the range, which caps the smallest one."""
     rows: list[tuple[Row, Critical | None]] = []
     count = {"hopf": 0, "fold": 0}
     for c in sorted(point.critical, key=lambda c: (c.kind, c.omega)):
@@ -162,12 +162,12 @@ def critical_rows(point: DesignPoint) -> list[tuple[Row, Critical | None]]:
 
 
 def stable_cycle(point: DesignPoint, key: Any, value: float) -> Orbit | None:
-    """Return the stable cycle at a value of the parameter, the largest one of several; None where there is no cycle.
+    """Return the stable cycle at a value of the parameter, the largest if there are several; None if there is no cycle.
 
     Parameters
     ----------
     point : DesignPoint
-        A cycle kept under the key, taken over from a design near by, is where the search begins.
+        The search begins at the cycle kept under the key, which may come from a nearby design.
     key : hashable
     value : float, unit of the parameter
     """

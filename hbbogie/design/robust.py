@@ -28,7 +28,7 @@ class Uncertainty:
     factors : mapping from name to a frozen distribution of scipy.stats
         Distribution of the factor, such as ``norm(1, 0.05)``, ``lognorm(0.1)`` or ``uniform(0.8, 0.4)``.
     correlation : array_like, shape (k, k), optional
-        Of the factors, in their order, where all are normal; independent where left out.
+        Correlation of the factors, in their order, if all are normal. By default they are independent.
 
     Examples
     --------
@@ -44,7 +44,7 @@ class Uncertainty:
     def __post_init__(self) -> None:
         k = len(self.factors)
         if not k:
-            raise ModelError("Uncertainty: factors={} names no parameter; give a distribution for one at least.")
+            raise ModelError("Uncertainty: factors={} names no parameter; give a distribution for at least one.")
         moments = np.array([d.stats(moments="mvsk") for d in self.factors.values()], dtype=float)
         if not np.isfinite(moments).all():
             name = [*self.factors][int(np.argmin(np.isfinite(moments).all(axis=1)))]
@@ -62,7 +62,7 @@ class Uncertainty:
 
     @property
     def moments(self) -> tuple[Array, Array, Array, Array]:
-        """Mean minus 1, standard deviation, skewness, and excess kurtosis plus 3 of the factors, each of shape (k,)."""
+        """Mean minus 1, standard deviation, skewness and kurtosis of the factors, each of shape (k,)."""
         m, v, s, e = np.array([d.stats(moments="mvsk") for d in self.factors.values()], dtype=float).T
         return m - 1, np.sqrt(v), s, e + 3
 
@@ -111,7 +111,7 @@ class Spread:
 
     @property
     def second_order(self) -> tuple[float, float]:
-        """Mean and standard deviation of the quadratic approximation, exact for it."""
+        """Exact mean and standard deviation of the quadratic approximation."""
         shift, _, skewness, kurtosis = self.uncertainty.moments
         T, h = self.uncertainty.root, self.curvatures
         a, h = T.T @ (self.slopes + h @ shift), T.T @ h @ T
@@ -128,7 +128,7 @@ class Spread:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Share of each factor in the variance of the linear approximation [1]; they add up to 1 if independent."""
+        """Share of each factor in the variance of the linear approximation [1]; if independent, they add up to 1."""
         part = (self.uncertainty.root.T @ self.slopes) ** 2
         return dict(zip(self.uncertainty.factors, map(float, part / max(part.sum(), 1e-300)), strict=True))
 
@@ -156,7 +156,7 @@ def spreads(point: DesignPoint, uncertainty: Uncertainty) -> list[Spread]:
 def _places(system: System, parameter: str, uncertainty: Uncertainty) -> list[int]:
     places = [system.parameter_names.index(system.parameter(n).name) for n in uncertainty.factors]
     if parameter in uncertainty.factors:
-        raise ModelError(f"Uncertainty: {parameter!r} is the parameter whose critical values are looked for.")
+        raise ModelError(f"Uncertainty: {parameter!r} is the parameter whose critical values are computed.")
     return places
 
 
@@ -173,7 +173,7 @@ class RobustValue:
 
     Notes
     -----
-    The gradient takes the second derivatives of the critical value, which are exact (`critical_hessian`).
+    The gradient uses the second derivatives of the critical value, which are exact (`critical_hessian`).
     """
 
     uncertainty: Uncertainty
@@ -195,7 +195,7 @@ class RobustValue:
 
     @property
     def name(self) -> str:
-        """What it is."""
+        """Its name."""
         return f"mean minus {self.k:.3g} sigma"
 
     def rows(self, point: DesignPoint) -> list[Row]:
@@ -213,7 +213,7 @@ class RobustValue:
             a = row.gradient[uncertain] * p
             H = np.zeros((len(a), len(system.parameters)))
             H[:, columns] = row.hessian(names)[[names.index(n) for n in self.uncertainty.factors]] * p[:, None]
-            H[np.arange(len(a)), uncertain] += row.gradient[uncertain]  # a_j = dV/dp_j p_j depends on p_j twice
+            H[np.arange(len(a)), uncertain] += row.gradient[uncertain]  # both factors of dV/dp_j p_j depend on p_j
             sigma = float(np.linalg.norm(T.T @ a))
             slope = (T @ (T.T @ a)) @ H / sigma if sigma else np.zeros(H.shape[1])
             rows.append(
@@ -230,7 +230,7 @@ class MonteCarlo:
     ----------
     factors : ndarray, shape (count, k)
     values : ndarray, shape (count,), unit of the parameter
-        NaN where they could not be found; the beginning of the range where the critical value lies below it.
+        NaN if a value could not be found; the beginning of the range if the critical value lies below it.
     """
 
     factors: Array
@@ -255,7 +255,7 @@ class MonteCarlo:
             When no design has a value.
         """
         if not len(self.known):
-            raise ModelError("Monte Carlo: no design has a critical value; look at a wider range.")
+            raise ModelError("Monte Carlo: no design has a critical value; give a wider range.")
         test = stats.binomtest(int((self.known < value).sum()), len(self.known))
         interval = test.proportion_ci(confidence, method="exact")
         return float(test.statistic), float(interval.low), float(interval.high)
@@ -264,7 +264,7 @@ class MonteCarlo:
 def monte_carlo(
     point: DesignPoint, uncertainty: Uncertainty, count: int = 200, seed: int = 0, progress: Progress = silent
 ) -> MonteCarlo:
-    """Find the smallest critical value at random designs about a design, each from the folds of that design.
+    """Find the smallest critical value at random designs about a design, starting from the folds of that design.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def monte_carlo(
         except ConvergenceError as error:
             values[i] = error.statistics.get("below", np.nan)
         except FAILURES:
-            continue  # a factor beyond the bounds of its parameter, or a failure of the numerics
+            continue  # a factor beyond the bounds of its parameter, or a numerical failure
     return MonteCarlo(factors, values)
 
 
@@ -314,13 +314,13 @@ def predicted_below(found: list[Spread], value: float, count: int = 100_000, see
     found : list of Spread
     value : float
     count : int
-        Samples of the quadratic approximation; the linear one is taken as normal.
+        Number of samples of the quadratic approximation. The linear one is taken as normal.
     seed : int
 
     Returns
     -------
     first, second : float
-        The first is that of the lowest mean minus deviation alone.
+        The first considers only the critical value with the lowest mean minus standard deviation.
     """
     first = max(
         float(stats.norm.cdf((value - m) / s)) if s else float(m < value) for m, s in (f.first_order for f in found)

@@ -1,4 +1,4 @@
-"""The design as one nonlinear program with the critical points as constraints: a cross-check of the search."""
+"""The design task as one nonlinear program with the critical points as constraints: a cross-check of the search."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ IPOPT: dict[str, Any] = {
     "tol": 1e-8,
     "hessian_approximation": "limited-memory",
     "limited_memory_max_history": 30,
-    "nlp_scaling_method": "none",  # the program is scaled already
+    "nlp_scaling_method": "none",  # the program is already scaled
     "mu_init": 1e-3,
     "bound_push": 1e-6,
     "bound_frac": 1e-6,
@@ -34,18 +34,18 @@ IPOPT: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class SingleLevel:
-    """Answer of the single nonlinear program.
+    """Solution of the single nonlinear program.
 
     Attributes
     ----------
     parameters : dict of float
     value : float
-        The smallest of the critical values that stood in the program.
+        The smallest of the critical values in the program.
     multipliers : dict of float
-        What the value gains per unit by which a limit is relaxed, by the name of its quantity.
+        Gain of the value per unit by which a limit is relaxed, by the name of its quantity.
     converged : bool
     status : str
-        Of the solver, with its iterations.
+        Status of the solver, with the number of iterations.
     """
 
     parameters: dict[str, float]
@@ -74,10 +74,10 @@ def single_level(
 ) -> SingleLevel:
     """Maximise the smallest critical value in one nonlinear program, by IPOPT.
 
-    The unknowns are the parameters, the value t to be raised, and of every critical point at the start its own
-    unknowns: cycle, value and multipliers of a fold, equilibrium, eigenvector, frequency and value of a Hopf point. The
-    constraints are t <= each value and the equations of each point: F = 0 with the conditions of optimality
-    (eq-fold-optimality) of a fold, the critical eigenvector of a Hopf point.
+    The unknowns are the parameters, the value t to be raised, and the unknowns of every critical point that exists at
+    the start: cycle, value and multipliers of a fold; equilibrium, eigenvector, frequency and value of a Hopf point.
+    The constraints are t <= each value and the equations of each point: F = 0 with the conditions of optimality
+    (eq-fold-optimality) for a fold, and the equations of the critical eigenvector for a Hopf point.
 
     Parameters
     ----------
@@ -86,9 +86,9 @@ def single_level(
     over : mapping of (float, float)
         Bounds of the parameters, by name.
     subject_to : sequence of Limit
-        On functions of the parameters (`Expression`) only.
+        Limits on functions of the parameters (`Expression`) only.
     iterations : int
-        At most.
+        Largest number of iterations.
 
     Returns
     -------
@@ -101,17 +101,17 @@ def single_level(
 
     Notes
     -----
-    First derivatives are exact; that of the fold's conditions is the Hessian of its Lagrangian. The second derivatives
-    would take third ones of F and are approximated (limited memory). Critical points that are not there at the
-    start are not seen, which is why this is a cross-check and not the method.
+    First derivatives are exact; that of the fold's conditions is the Hessian of its Lagrangian. Second derivatives
+    would require third derivatives of F and are approximated (limited memory). Critical points that do not exist at the
+    start are not seen. This is why the program serves only as a cross-check.
     """
     system, names = point.system, list(over)
     if any(not isinstance(limit.quantity, Expression) for limit in subject_to):
         raise ModelError(
-            "single_level: only limits on functions of the parameters (Expression) can stand in the program."
+            "single_level: only limits on functions of the parameters (Expression) are allowed in the program."
         )
     if not point.critical:
-        raise ModelError("single_level: the design has no critical point in the range, nothing to raise.")
+        raise ModelError("single_level: the design has no critical point in the range, so there is nothing to raise.")
     place = system.parameter_names.index(point.parameter)
     places = [system.parameter_names.index(n) for n in names]
     low, width = (np.array([f(*over[n]) for n in names]) for f in (lambda a, b: a, lambda a, b: b - a))
@@ -170,7 +170,7 @@ def _limit_rows(system: System, limits: Sequence[Limit], p: ca.MX) -> tuple[ca.M
 
 
 def _assembled(u: ca.MX, w: ca.MX, xs: list[ca.MX], blocks: list[_Block], rows: ca.MX) -> ca.MX:
-    """Return the Jacobian of all constraints, the blocks' own at their places."""
+    """Return the Jacobian of all constraints, with those of the blocks at their places."""
     n, offset = u.numel(), u.numel() + 1
     simple = ca.vertcat(rows, *(b.value - w[n] for b in blocks))
     parts = [ca.jacobian(simple, w)]

@@ -1,4 +1,4 @@
-"""The search for a design: its program in unit variables, scaled, from design to design."""
+"""The search for a design: a scaled program in unit variables, and its evaluation from design to design."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hbbogie.progress import Progress
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-RESCANS = 3  # times the search begins anew when the range holds a lower critical value than those followed
+RESCANS = 3  # number of restarts when the range contains a lower critical value than those followed
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +29,15 @@ class Term:
     Attributes
     ----------
     name : str
-        The same from design to design.
+        The same for all designs.
     row : Row
     limit : float
         0 in the objective.
     side : {1.0, -1.0}
-        1 where the value is to be small: an upper limit, or an objective that is lowered.
+        1 if the value is to be small: an upper limit, or an objective that is lowered.
     size : float
     unit : str
-        Of the row.
+        Unit of the row.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Term:
 
 
 class DesignTask:
-    """The search in unit variables, with what scales it."""
+    """The search in unit variables, with its scales."""
 
     def __init__(
         self,
@@ -90,20 +90,20 @@ class DesignTask:
         self.width, self.size = self.high - self.low, 1.0
 
     def values(self, x: Array) -> dict[str, float]:
-        """Return the parameter values of a point of the unit cube, bounds exactly."""
+        """Return the parameter values of a point of the unit cube, exact at the bounds."""
         p = np.where(x >= 1, self.high, self.low + self.width * np.clip(x, 0, 1))
         return dict(zip(self.names, map(float, p), strict=True))
 
     def before(self) -> DesignPoint:
-        """Return the design before, and set the scale of the objective."""
+        """Return the original design, and set the scale of the objective."""
         point = design_point(self.system, self.parameter, self.interval, self.harmonics)
         sizes = [abs(row.value) for row in self.objective.rows(point)]
         self.size = max(sizes, default=1.0) or 1.0
-        self.limit_terms(point)  # its cycles are kept, to begin from
+        self.limit_terms(point)  # keeps its cycles as starting points
         return point
 
     def search(self, x: Array, near: DesignPoint | None, tolerance: float, iterations: int) -> Minimum[DesignPoint]:
-        """Search from a start, and go on from where it ended while a lower critical value has appeared there."""
+        """Search from a start, and again from where the search ended as long as lower critical values appear there."""
         for _ in range(RESCANS):
             best = minimise_largest(self.evaluate, x, near, tolerance=tolerance, iterations=iterations)
             x, near = best.x, None
@@ -118,7 +118,7 @@ class DesignTask:
         )
 
     def evaluate(self, x: Array, near: DesignPoint | None) -> Sample[DesignPoint]:
-        """Return objective and limits at a point of the unit cube, scaled."""
+        """Return the scaled objective and limits at a point of the unit cube."""
         system = self.system.with_parameters(**self.values(x))
         point = design_point(system, self.parameter, self.interval, self.harmonics, near)
         terms, limits = self.objective_terms(point), self.limit_terms(point)
@@ -136,7 +136,7 @@ class DesignTask:
     def _curvature(self, hessian: Callable[[Sequence[str]], Array], factor: float) -> Array:
         try:
             return factor * hessian(self.names) * np.outer(self.width, self.width)
-        except np.linalg.LinAlgError:  # where two critical points are about to merge: steps are then those without it
+        except np.linalg.LinAlgError:  # two critical points are about to merge: do without the second derivatives
             return np.zeros((len(self.names), len(self.names)))
 
     def objective_terms(self, point: DesignPoint) -> list[Term]:
@@ -155,7 +155,7 @@ class DesignTask:
         return [Term(row.name, row, 0.0, self.sign, self.size, unit) for row in rows]
 
     def limit_terms(self, point: DesignPoint) -> list[Term]:
-        """Return the terms that have to be 0 or less: one for each side of every limit that has a row here."""
+        """Return the terms that must not exceed 0: one for each side of every limit that has a row here."""
         found = []
         for k, limit in enumerate(self.limits):
             for row in limit.quantity.rows(point):

@@ -1,3 +1,6 @@
+from .bifurcations import Crossing as Crossing
+from .bifurcations import judged as judged
+from .bifurcations import multiplier_crossings as multiplier_crossings
 from .closing import Closing as Closing
 from .closing import Frame as Frame
 from .closing import Linearised as Linearised
@@ -12,6 +15,8 @@ from .folding import fold_of as fold_of
 from .folding import gradients as gradients
 from .hopf import HopfPoints as HopfPoints
 from .hopf import hopf_of as hopf_of
+from .method import Exact as Exact
+from .method import ExactEquations as ExactEquations
 from .model import Surface as Surface
 from .model import SwitchedLinear as SwitchedLinear
 from .model import switched_linear as switched_linear

@@ -1,4 +1,4 @@
-"""Folds of many designs at once, from the fold of a nominal one."""
+"""Folds of many designs at once, starting from the fold of a nominal design."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from hbbogie.exact.walk import SHORT
 
 Array = NDArray[np.float64]
 
-CHUNK = 64  # cycles solved for together: as many as the cache holds
+CHUNK = 64  # cycles solved for together, as many as fit into the cache
 ITERATIONS = 14
 TOLERANCE = 1e-10  # largest scaled residual of a fold's conditions before the last correction
-FINAL = 1e-9  # size of the last correction: what is left is of the order of its square
-CHANGES = 6  # corrections of a sequence
-SMALLEST = 1 / 16  # share of the way to a design at which the search by steps gives up
+FINAL = 1e-9  # size of the last correction; the remaining error is of the order of its square
+CHANGES = 6  # largest number of corrections of a sequence
+SMALLEST = 1 / 16  # shortest step towards a design, as a share of the way, before the search gives up
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a search begins: sequence, unknowns and null vectors."""
+    """The starting point of a search: sequence, unknowns and null vectors."""
 
     sequence: Sequence
     y: Array
@@ -39,7 +39,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """A fold of one design.
+    """The fold of one design.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Fold:
 
 
 class Nominal:
-    """The fold of a nominal design, at which searches begin."""
+    """The fold of a nominal design, from which searches begin."""
 
     def __init__(self, point: Point):
         closing, y = point.closing, point.y[None]
@@ -75,7 +75,7 @@ class Nominal:
         self.gradient, self._shifts = gradients(found)[0], shifts(found)
 
     def starts(self, p: Array) -> dict[int, Start]:
-        """Return guesses for designs, by the first derivatives in the logarithms of the parameters."""
+        """Return guesses for designs by first-order extrapolation in the logarithms of the parameters."""
         usable = (p * self.p > 0) & (np.arange(len(self.p)) != self.closing.place)
         change = np.log(np.where(usable, p, 1.0) / np.where(usable, self.p, 1.0)) * self.p
         y = self.start.y + change @ self._shifts.T
@@ -83,14 +83,14 @@ class Nominal:
         return {d: replace(self.start, y=y[d]) for d in range(len(p))}
 
     def between(self, p: Array, share: float) -> Array:
-        """Return the parameters a share of the way to a design, in logarithms where these exist."""
+        """Return the parameters at a share of the way to a design, interpolated in logarithms where these exist."""
         usable = p * self.p > 0
         mixed = np.exp(share * np.log(np.where(usable, p, 1.0) / np.where(usable, self.p, 1.0)))
         return np.where(usable, self.p * mixed, self.p + share * (p - self.p))
 
 
 def folds_near(nominal: Nominal, p: Array) -> tuple[dict[int, Fold], dict[int, Fold]]:
-    """Return folds found straight from the nominal one, and those found in steps, by the number of the design.
+    """Return the folds found directly from the nominal one and those found in steps, by the number of the design.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def folds_near(nominal: Nominal, p: Array) -> tuple[dict[int, Fold], dict[int, F
 
 
 def solve(nominal: Nominal, p: Array, starts: dict[int, Start]) -> dict[int, Fold]:
-    """Return the folds that Newton's method reaches from some starts, in chunks of one sequence."""
+    """Return the folds that Newton's method reaches from the given starts, in batches with the same sequence."""
     found: dict[int, Fold] = {}
     while starts:
         groups: dict[Sequence, list[int]] = defaultdict(list)
@@ -136,7 +136,7 @@ def solve(nominal: Nominal, p: Array, starts: dict[int, Start]) -> dict[int, Fol
 
 
 def _closing(nominal: Nominal, sequence: Sequence, p: Array) -> Closing:
-    """Return the equations of designs in one sequence."""
+    """Return the equations of designs with the same sequence."""
     frame: Frame = nominal.closing.frame.of(np.zeros(len(p), dtype=int))
     return replace(nominal.closing, sequence=sequence, p=p, frame=frame)
 
@@ -144,7 +144,7 @@ def _closing(nominal: Nominal, sequence: Sequence, p: Array) -> Closing:
 def _newton(
     closing: Closing, members: NDArray[np.int_], starts: list[Start]
 ) -> Iterable[tuple[Folds, NDArray[np.int_]]]:
-    """Yield folds as they are solved for, with the numbers of their designs; those that fail do not come."""
+    """Yield folds as they are found, with the numbers of their designs. Failures are skipped."""
     y, v, w = (np.array([getattr(s, name) for s in starts]) for name in "yvw")
     for _ in range(ITERATIONS):
         try:
@@ -165,7 +165,7 @@ def _newton(
 def _judged(
     folds: Folds, numbers: NDArray[np.int_], starts: dict[int, Start]
 ) -> tuple[dict[int, Fold], dict[int, Start]]:
-    """Return the folds that keep to their sequence, and starts in better sequences for those that do not."""
+    """Return the folds that agree with their sequence, and starts with better sequences for those that do not."""
     closing, n, y = folds.closing, folds.closing.n, folds.y
     inside = depths(closing, y, folds.at)
     good = consistent(closing, y, folds.at, inside)

@@ -1,4 +1,4 @@
-"""Where the sequence of contacts changes along a branch: grazings located, crossings that change places."""
+"""Changes of the sequence of contacts along a branch: grazings, and crossings that exchange their order."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from hbbogie.exact.touching import ALLOWED, Depths, consistent, depths, joined, 
 
 Array = NDArray[np.float64]
 
-REPAIRS = 6  # corrections of the sequence where its change is not located
+REPAIRS = 6  # largest number of corrections of a sequence whose change is not located
 
 
 def rotated(point: Point, to: int | None = None) -> Point:
-    """Return the same cycle begun at its longest phase, or at the phase asked for."""
+    """Return the same cycle, beginning with its longest phase or with the given phase."""
     closing, S, n = point.closing, point.closing.sequence.S, point.closing.n
     h = point.y[n : n + S]
     if to is None:
@@ -32,9 +32,9 @@ def rotated(point: Point, to: int | None = None) -> Point:
 
 
 def across(here: Point, there: Point, found: Depths) -> Point | None:
-    """Return the point at which the sequence changes, begun in the new one; None where it is not found.
+    """Return the point at which the sequence changes, with the new sequence; None if it is not found.
 
-    Where a contact begins or is lost that is the grazing; where two crossings change places, the point beyond.
+    If a contact begins or is lost, this is the grazing. If two crossings exchange their order, it is the point beyond.
     """
     n, S = there.closing.n, there.closing.sequence.S
     h = there.y[n : n + S]
@@ -69,7 +69,7 @@ def _lost(here: Point, there: Point, i: int) -> Point | None:
 
 
 def _exchanged(there: Point, i: int) -> Point | None:
-    """Return the point with the crossings at the two ends of phase i in the other order."""
+    """Return the point with the crossings at the two ends of phase i exchanged."""
     closing, n = there.closing, there.closing.n
     new = replace(closing, sequence=closing.sequence.swapped(i))
     y, t = there.y.copy(), there.tangent.copy()
@@ -100,7 +100,7 @@ def _touched(here: Point, there: Point, i: int, k: int, share: float) -> Point |
 
 
 def _begun(closing: Closing, y: Array, secant: Array) -> Point | None:
-    """Return a point at a grazing, with its tangent in the direction of a secant."""
+    """Return a point at a grazing, its tangent in the direction of a secant."""
     point, _ = correct(closing, y, secant / np.linalg.norm(secant))
     if point is None:
         return None
@@ -126,6 +126,6 @@ def beyond(there: Point, found: Depths) -> Point | None:
 
 
 def sound(point: Point) -> bool:
-    """Return whether a point keeps to its sequence."""
+    """Return whether the motion of a point agrees with its sequence."""
     y = point.y[None]
     return bool(consistent(point.closing, y, point.at, depths(point.closing, y, point.at))[0])

@@ -1,8 +1,9 @@
-"""The equations of cycles with one sequence of contacts (eq-exact-cycle), for many cycles at once.
+"""The equations of cycles that share a sequence of contacts (eq-exact-cycle), for many cycles at once.
 
-Unknowns of a cycle: the state at a crossing, the durations of the S phases, and one parameter, all scaled. Equations:
-the cycle closes, and each phase ends on its surface. Where a phase begins and ends on the same surface the two
-conditions become one as it vanishes; there the second is their difference divided by the duration.
+The unknowns of a cycle are the state at a crossing, the durations of the S phases, and one parameter, all scaled. The
+equations require that the cycle closes and that each phase ends on its surface. If a phase begins and ends on the same
+surface, its two conditions become the same as its duration vanishes. The second condition is therefore replaced by
+their difference divided by the duration.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """The equations of B cycles with one sequence of contacts.
+    """The equations of B cycles that share a sequence of contacts.
 
     Attributes
     ----------
@@ -129,7 +130,7 @@ class Closing:
         return p
 
     def matrices(self, y: Array) -> tuple[Array, Array, Array, Array]:
-        """Return scaled state matrices and surfaces of each contact state, and derivatives in the unknown parameter."""
+        """Return scaled state matrices and surfaces of each contact state, and their derivatives in the parameter."""
         B, f = len(y), self.frame
         states = self.sequence.states
         sides = np.tile(states, (B, 1))
@@ -185,7 +186,7 @@ class Closing:
             F[:] = (F - at.F[:, n + i - 1]) / safe
             J[:] = (J - at.J[:, n + i - 1]) / safe[:, None]
             J[:, n + i] -= F / safe
-            for b in np.flatnonzero(d == 0):  # the limit: the rate of the depth, at a grazing
+            for b in np.flatnonzero(d == 0):  # the limit at a grazing is the rate of the depth
                 u, e = self.sequence.of[i], self.sequence.events[i]
                 row, A, x = at.rows[b, u, e], at.A[b, u], at.nodes[b, i]
                 F[b] = row @ A @ x

@@ -1,4 +1,4 @@
-"""Critical values of many designs at once: Hopf points, folds, and the evidence where there is none."""
+"""Critical values of many designs at once: Hopf points, folds, and the evidence if there is no fold."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 
-BEYOND = 1.02  # value up to which a branch is followed, in units of its Hopf point's
+BEYOND = 1.02  # value up to which a branch is followed, relative to its Hopf point
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +33,12 @@ class CriticalValues:
     Attributes
     ----------
     folds : tuple of D Fold or None
-        The smallest fold of the branch that begins at the Hopf point, below it; None where there is none.
+        The lowest fold below the Hopf point, on the branch that begins there; None if there is none.
     hopf : HopfPoints
     status : tuple of D str
         How each fold was found, or why there is none.
     failed : ndarray of bool, shape (D,)
-        Whether it is not known if there is a fold.
+        Whether the search failed, so that it is unknown if there is a fold.
     """
 
     folds: tuple[Fold | None, ...]
@@ -58,14 +58,14 @@ class CriticalValues:
 
     @property
     def fold_gradient(self) -> Array:
-        """Derivative of the folds' values in all parameters, -1 in the parameter itself, shape (D, parameters)."""
+        """Derivatives of the folds in all parameters, -1 in the parameter itself, shape (D, parameters)."""
         none = np.full(self.hopf.gradient.shape[1], np.nan)
         return np.array([f.gradient if f else none for f in self.folds])
 
 
 @dataclass(frozen=True, eq=False)
 class NominalDesign:
-    """The design at which the search for the critical values of others begins.
+    """The design from which the search for the critical values of other designs begins.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class NominalDesign:
     start : Point
         The grazing at which its branch begins.
     fold : Nominal or None
-        Its fold, None where it has none.
+        Its fold; None if it has none.
     """
 
     system: System
@@ -126,7 +126,7 @@ class NominalDesign:
 
 
 def nominal_design(system: System, parameter: str, interval: tuple[float, float]) -> NominalDesign:
-    """Return the system at its own parameter values as the design at which searches begin.
+    """Return the system at its own parameter values as the design from which searches begin.
 
     Raises
     ------
@@ -150,8 +150,8 @@ def nominal_design(system: System, parameter: str, interval: tuple[float, float]
 def critical_values(system: System, points: Array, parameter: str, interval: tuple[float, float]) -> CriticalValues:
     """Find the first Hopf point and the fold below it of many designs, each with its gradient.
 
-    The folds are solved for together, from that of a nominal design; where that fails, in steps; where these fail,
-    the branch of the design is followed from its Hopf point.
+    The folds are solved for together, starting from that of a nominal design. Where this fails, designs are approached
+    in steps. Where this fails as well, the branch of the design is followed from its Hopf point.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def _followed(
 ) -> tuple[float | None, Fold | None, str, bool]:
     """Follow the branch of one design from its first Hopf point.
 
-    Return the value there (None where there is none), the fold, what was found, and whether that failed.
+    Return the value of the Hopf point (None if there is none), the fold, a status, and whether the search failed.
     """
     one = system.with_parameters(**dict(zip(system.parameter_names, map(float, p), strict=True)))
     hopfs = hopf_points(one, parameter, interval)
@@ -211,7 +211,7 @@ def _fold_at(point: Point) -> Fold:
 
 
 def fold_near(system: System, orbit: Orbit, parameter: str) -> Fold:
-    """Return the exact fold, a minimum of the parameter, near that of another method.
+    """Return the exact fold, a minimum of the parameter, near a fold that another method has found.
 
     Parameters
     ----------

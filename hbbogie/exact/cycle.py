@@ -1,4 +1,4 @@
-"""An exact cycle as plain data: contact states, durations and start answer everything about the motion."""
+"""An exact cycle as plain data: contact states, durations and the start determine the whole motion."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
 
-FINE = 64  # samples of a phase among which extremes are looked for
-GAUSS = 16  # points of a piece of a phase in integrals
-PIECE = 3.0  # size of A h up to which, and phase of a harmonic over which, a piece is long
+FINE = 64  # samples of a phase in the search for extremes
+GAUSS = 16  # quadrature points in a piece of a phase
+PIECE = 3.0  # longest piece, measured by the size of A h and by the phase of the highest harmonic
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +29,11 @@ class ExactCycle:
     coordinates : tuple of str
         Names of the n coordinates.
     sides : ndarray of bool, shape (S, K)
-        Contact state of each phase: the side of each surface.
+        Contact state of each phase: on which side of each surface the motion is.
     events : tuple of int, S of them
         The surface that ends each phase.
     sigma : {1, -1}
-        -1 where the phases make half a period, which the other half repeats with the opposite sign.
+        -1 if the phases make up half a period, which the other half repeats with the opposite sign.
     start : ndarray, shape (N,), units of the states
     durations : ndarray, shape (S,), s
     matrices : ndarray, shape (S, N, N), 1/s
@@ -58,7 +58,7 @@ class ExactCycle:
 
     @property
     def span(self) -> float:
-        """What the phases make together, a period or half of it [s]."""
+        """Total duration of the phases, a period or half of it [s]."""
         return float(self.durations.sum())
 
     @property
@@ -96,7 +96,7 @@ class ExactCycle:
         return x, np.where(second, phase + len(ends), phase)
 
     def _rates(self, x: Array, phase: NDArray[np.int_], order: int) -> Array:
-        """Return derivatives of the states in time, those of the second half with its own constant forces."""
+        """Return time derivatives of the states; those in the second half take the constant forces that act there."""
         S = len(self.durations)
         flip = np.where(phase >= S, self.sigma, 1)[:, None]
         x = np.append(x[:, :-1] * flip, x[:, -1:], axis=1)
@@ -134,7 +134,7 @@ class ExactCycle:
         return lowest, highest
 
     def _turning(self, phase: NDArray[np.int_], x: Array, i: NDArray[np.int_]) -> Array:
-        """Return coordinates i where their rates vanish within a sample after states x, by safe Newton."""
+        """Return coordinates i where their rates vanish within one sample after states x, by safeguarded Newton."""
         step, k = (self.durations / FINE)[phase], np.arange(len(phase))
         low, high, t = np.zeros(len(phase)), step, 0.5 * step
         rising = (self.matrices[phase] @ x[..., None])[k, i, 0] > 0
@@ -168,7 +168,7 @@ class ExactCycle:
             step = self.durations[i] / k
             E = self._flow(np.full(GAUSS + 1, i), np.append(step * (s + 1) / 2, step))
             x, ahead = self.nodes[i][:, None], E[-1]
-            while x.shape[1] < k:  # states at the beginning of each piece, twice as many a time
+            while x.shape[1] < k:  # states at the beginning of each piece, their number doubled each time
                 x, ahead = np.hstack([x, ahead @ x]), ahead @ ahead
             times.append((begins[i] + step * (np.arange(k)[:, None] + (s + 1) / 2)).ravel())
             weights.append(np.tile(step * w / 2, k))

@@ -1,4 +1,4 @@
-"""Folds of exact cycles: the bordered conditions, their derivatives by products only, and gradients by the adjoint.
+"""Folds of exact cycles: bordered conditions, their derivatives by matrix products, and gradients by the adjoint.
 
 At a fold the derivative of the equations in the cycle's own unknowns, F_z, is singular, F_z v = 0 and w F_z = 0. The
 condition is g = 0, where g follows from a bordered system with v and w (eq-exact-fold); its derivative is -w (F_z)_y v
@@ -23,7 +23,7 @@ FARTHEST = 0.25  # longest step of a scaled unknown
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """B folds, or how Newton's method ended on its way to them.
+    """B folds, or the last iterates of Newton's method on the way to them.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Folds:
     error : ndarray, shape (B,)
         Largest scaled residual of all conditions.
     step : ndarray, shape (B,)
-        Largest entry of the correction that would come next.
+        Largest entry of the next correction.
     """
 
     closing: Closing
@@ -70,7 +70,7 @@ def null_vectors(at: Linearised) -> tuple[Array, Array]:
 
 
 def fold_step(closing: Closing, y: Array, v: Array, w: Array) -> tuple[Folds, Array]:
-    """Return the conditions of a fold at the unknowns y, with better null vectors, and Newton's step."""
+    """Return the conditions of a fold at the unknowns y, with updated null vectors, and Newton's step."""
     B, m = len(y), closing.m
     at = closing.linearise(y)
     K = np.zeros((B, m + 1, m + 1))
@@ -82,7 +82,7 @@ def fold_step(closing: Closing, y: Array, v: Array, w: Array) -> tuple[Folds, Ar
     slope = condition_slope(closing, y, at, v, w)
     curvature = np.einsum("bi,bi->b", slope[:, :m], v) / np.einsum("bi,bi->b", w, at.J[..., m])
     error = np.maximum(np.abs(at.F).max(axis=1), np.abs(g))
-    for i in closing.sequence.touching:  # where a contact vanishes the condition holds without a fold: divided out
+    for i in closing.sequence.touching:  # a vanishing contact satisfies the condition without a fold, so divide it out
         h = y[:, closing.n + i]
         g, slope = g / h, slope / h[:, None]
         slope[:, closing.n + i] -= g / h
@@ -110,7 +110,7 @@ def condition_slope(closing: Closing, y: Array, at: Linearised, v: Array, w: Arr
     by_parameter = (adjoint[:, 1:, None] @ by_parameter)[..., 0, 0]
     by_parameter += weights * (at.drows[:, of, closing.sequence.events, None] @ dx[:, 1:])[..., 0, 0]
     slope[:, -1] += by_parameter.sum(axis=1)
-    for i in closing.sequence.touching:  # (eq. of _divide, differentiated twice)
+    for i in closing.sequence.touching:  # second derivative of the conditions in _divide
         J, share = at.J[:, n + i], w[:, n + i] / y[:, n + i]
         slope -= (share * v[:, n + i])[:, None] * J
         slope[:, n + i] -= share * np.einsum("bi,bi->b", J[:, :-1], v)
@@ -145,7 +145,7 @@ def gradients(folds: Folds) -> Array:
 def pulled_back(closing: Closing, y: Array, at: Linearised, w: Array) -> Array:
     """Return w F_p, the derivative of weighted equations in all parameters, shape (B, number of parameters).
 
-    By the adjoint: one derivative of an exponential for each phase, whatever the number of parameters.
+    The adjoint takes one derivative of an exponential for each phase, whatever the number of parameters.
     """
     sequence, frame, of = closing.sequence, closing.frame, closing.sequence.of
     B, S, U, n = len(y), sequence.S, len(sequence.states), closing.n
@@ -167,7 +167,7 @@ def pulled_back(closing: Closing, y: Array, at: Linearised, w: Array) -> Array:
 
 
 def shifts(folds: Folds) -> Array:
-    """Return the derivative of the unknowns of the first fold in all parameters, but for a multiple of v.
+    """Return the derivative of the unknowns of the first fold in all parameters, up to a multiple of v.
 
     Returns
     -------
@@ -186,7 +186,7 @@ def shifts(folds: Folds) -> Array:
 
 
 def fold_of(closing: Closing, y: Array, tolerance: float = 1e-11) -> Folds:
-    """Return folds by Newton's method from the unknowns y, shape (B, m + 1); look at ``error`` of what comes back."""
+    """Return folds by Newton's method from the unknowns y, shape (B, m + 1); ``error`` tells whether it converged."""
     v, w = null_vectors(closing.linearise(y))
     for _ in range(ITERATIONS):
         found, step = fold_step(closing, y, v, w)

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 ITERATIONS = 20
 LARGEST = 0.3  # largest change of the parameter in one step, relative to its value
-BELOW = 8  # values below a Hopf point at which the equilibrium is asked for its stability
+BELOW = 8  # values below a Hopf point at which the stability of the equilibrium is checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class HopfPoints:
     gradient : ndarray, shape (B, number of parameters)
         Derivative of the value in all parameters; -1 in the parameter itself.
     first : ndarray of bool, shape (B,)
-        Whether the equilibrium is stable at all values looked at from the lower end up to the point.
+        Whether the equilibrium is stable at all values checked from the lower end up to the point.
     mode : ndarray of complex, shape (B, n)
         The critical eigenvector.
     """
@@ -47,13 +47,13 @@ def hopf_of(model: SwitchedLinear, p: Array, place: int, sides: Array, low: floa
     ----------
     model : SwitchedLinear
     p : ndarray, shape (B, number of parameters)
-        The parameter itself at a first guess of its value.
+        The column of the parameter itself holds a first guess.
     place : int
         The parameter.
     sides : ndarray, shape (K,)
         Contact state at rest.
     low : float, unit of the parameter
-        Lower end of the values looked at.
+        Lower end of the values checked.
     """
     p, B, n = p.copy(), len(p), model.N - 1
     every, sides = np.arange(B), np.broadcast_to(sides, (len(p), len(sides)))
@@ -75,7 +75,7 @@ def hopf_of(model: SwitchedLinear, p: Array, place: int, sides: Array, low: floa
         value[at], omega[at], mode[at] = p[at, place], values[rows, k].imag[done], u[done]
         weights[at] = (left[:, :, None] * u[:, None, :]).real[done]
         keep = ~done & np.isfinite(step)
-        # one step more costs less than a tolerance that round-off never meets
+        # one more step costs less than chasing a tolerance below round-off
         p[every[keep], place] *= 1 + step[keep]
         tiny = keep & (np.abs(step) <= 1e-14)
         at = every[tiny]
@@ -98,7 +98,7 @@ def hopf_of(model: SwitchedLinear, p: Array, place: int, sides: Array, low: floa
 def _stable_below(
     model: SwitchedLinear, p: Array, place: int, sides: Array, low: float, found: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return whether all eigenvalues have negative real parts at values from the lower end to each point."""
+    """Return whether all eigenvalues have negative real parts at some values between the lower end and each point."""
     shares = (np.arange(BELOW) + 0.5) / BELOW
     stable, n = np.zeros(len(p), dtype=bool), model.N - 1
     q = np.repeat(p[found], BELOW, axis=0)

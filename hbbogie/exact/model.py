@@ -1,8 +1,8 @@
 """Systems that are linear between switchings: state matrices of every contact state, surfaces, derivatives.
 
-The state is x = (all coordinates, velocities of those of second order), extended by 1, so that dx/dt = A x also holds
-the constant forces. A surface is where a piecewise-linear law changes its line; the contact state, ``sides``, says for
-each surface on which side of it the motion is.
+The state is x = (all coordinates, velocities of those of second order), extended by 1, so that dx/dt = A x includes the
+constant forces. On a surface, a piecewise-linear law changes from one line to another. The contact state, ``sides``,
+says on which side of each surface the motion is.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from hbbogie.stability.variation import contacts_of, on_lines
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-SAME = 1e-12  # relative difference up to which two surfaces are one
+SAME = 1e-12  # relative difference up to which two surfaces count as one
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A surface at which laws change their lines.
+    """A surface at which laws change from one line to another.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class SwitchedLinear:
     mirror : ndarray of int, shape (K,), or None
         For odd systems, the surface that each becomes when the state changes its sign.
     flips : ndarray of bool, shape (K,), or None
-        Whether its sides are exchanged thereby.
+        Whether this exchanges its sides.
     first : casadi.Function
         (sides, p) -> A and surfaces, both transposed.
     """
@@ -75,7 +75,7 @@ class SwitchedLinear:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the system is odd, so that half a period may stand for the whole one."""
+        """Whether the system is odd, so that half a period is enough."""
         return self.mirror is not None
 
     def matrices(self, sides: Array, p: Array) -> tuple[Array, Array]:
@@ -126,9 +126,9 @@ class SwitchedLinear:
         return tuple(bool(sides[j] != f) for j, f in zip(self.mirror, self.flips, strict=True))
 
     def _called(self, key: Any, function: ca.Function, *arguments: Array) -> list[Array]:
-        """Return what a function gives for a stack of arguments, each output of shape (M, ...)."""
+        """Return the outputs of a function for a stack of arguments, each of shape (M, ...)."""
         M = len(arguments[0])
-        size = 1 << max(M - 1, 0).bit_length()  # few sizes, each with a function and memory of its own
+        size = 1 << max(M - 1, 0).bit_length()  # only a few sizes, since each has its own function and memory
         call = self.system.once(("switched", key, size), lambda: _Mapped(function, size))
         return call(M, *arguments)
 
@@ -152,7 +152,7 @@ class SwitchedLinear:
 class _Mapped:
     """A function over a stack of arguments, on memory shared with CasADi.
 
-    CasADi stores columns: what is stacked row by row here is the transpose there.
+    CasADi stores matrices by columns, so an array stacked row by row here is the transpose there.
     """
 
     def __init__(self, function: ca.Function, size: int):
@@ -179,7 +179,7 @@ def switched_linear(system: System) -> SwitchedLinear:
     Raises
     ------
     ModelError
-        When anything but piecewise-linear elements is nonlinear, or there is no such element.
+        When anything else than piecewise-linear elements is nonlinear, or there is no such element.
     """
     return system.once("switched linear", lambda: _build(system))
 
@@ -188,19 +188,19 @@ def _build(system: System) -> SwitchedLinear:
     contacts = contacts_of(system)
     if not contacts:
         raise ModelError(
-            f"system {system.name!r}: no element has a piecewise-linear law, so that there is nothing that switches "
-            "and no cycle in closed form; use HarmonicBalance."
+            f"system {system.name!r}: no element has a piecewise-linear law, so there is nothing that switches and "
+            "no cycle in closed form; use HarmonicBalance."
         )
     bent = [e.name for e in system.elements if e.ramps is None]
     if bent:
         raise ModelError(
-            f"system {system.name!r}: the law of {', '.join(bent)} is not piecewise linear, so that the motion has no "
+            f"system {system.name!r}: the law of {', '.join(bent)} is not piecewise linear, so the motion has no "
             "closed form; give a law made of straight lines, such as Tabulated, or use HarmonicBalance."
         )
     q, v, lines, p, velocity, rates, _ = on_lines(system)
     x, ramps = state_of(system.dynamics, q, v), _ramps(contacts, p)
     u = [e.argument(q, velocity, p) for e in contacts]
-    # at ramp r the depth is direction u - threshold; the surface of all ramps, before equal ones are made one
+    # the depth at a ramp is direction u - threshold; this gives one surface per ramp, before equal ones are merged
     depths = ca.vertcat(*(d * u[i] - g for i, d, _, g, _ in ramps))
     owner = np.array([i for i, *_ in ramps])
     sides = ca.SX.sym("sides", len(ramps))
@@ -209,7 +209,7 @@ def _build(system: System) -> SwitchedLinear:
     if any(ca.which_depends(ca.vertcat(rates, depths), x, 2, False)):
         raise ModelError(
             f"system {system.name!r}: between the switchings of {', '.join(e.name for e in contacts)} the equations "
-            "are not linear in the coordinates, so that the motion has no closed form; use HarmonicBalance."
+            "are not linear in the coordinates, so the motion has no closed form; use HarmonicBalance."
         )
     matrix, rows = (_extended(e, x) for e in (rates, depths))
     matrix = ca.vertcat(matrix, ca.SX.zeros(1, matrix.shape[1]))
@@ -219,7 +219,7 @@ def _build(system: System) -> SwitchedLinear:
 
 
 def _ramps(contacts: list[AttachedLaw], p: ca.SX) -> list[tuple[int, int, ca.SX, ca.SX, ca.SX | None]]:
-    """Return owner, direction, stiffness, threshold and height (None where it does not jump) of every ramp."""
+    """Return owner, direction, stiffness, threshold and height (None if it does not jump) of every ramp."""
     found: list[tuple[int, int, ca.SX, ca.SX, ca.SX | None]] = []
     for i, e in enumerate(contacts):
         _, _, k, g = e.ramps(p)
@@ -248,9 +248,9 @@ def _extended(e: ca.SX, x: ca.SX) -> ca.SX:
 
 
 def _merged(system: System, every: ca.Function, names: list[str], jumps: Bools) -> SwitchedLinear:
-    """Make one surface of the ramps that begin at one place for all parameters, and find the mirror images."""
+    """Merge the ramps that begin at the same place for all parameters into one surface, and find mirror images."""
     R = len(names)
-    # two parameter vectors tell surfaces that are equal by chance from those that are the same
+    # a second parameter vector distinguishes surfaces that are equal only by chance from those that are the same
     samples = [system.vector(), _other(system)]
     rows = np.hstack([every(np.zeros(R), p)[1].full().T for p in samples])
     place, sign, kept = np.zeros(R, dtype=int), np.ones(R), list[int]()
@@ -283,7 +283,7 @@ def _same(a: Array, b: Array) -> bool:
 
 
 def _mirror(rows: Array, N: int) -> tuple[NDArray[np.int_] | None, Bools | None]:
-    """Return the mirror image of each surface and whether its sides are exchanged; None where there is none."""
+    """Return the mirror image of each surface and whether its sides are exchanged; None if a surface has none."""
     signs = np.tile(np.append(-np.ones(N - 1), 1.0), rows.shape[1] // N)
     mirror, flips = [], []
     for row in rows * signs:

@@ -1,6 +1,6 @@
 """Floquet multipliers of exact cycles: eigenvalues of the product of the phases' exponentials.
 
-Where a law jumps the product contains the jump (saltation) matrix; continuous laws have none.
+If a law jumps, the product contains the jump (saltation) matrix. Continuous laws have none.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from hbbogie.stability.multipliers import judge
 Array = NDArray[np.float64]
 
 TRUSTED = 1e-6  # largest error of the trivial multiplier, and of the logarithm of the determinant
-MARGIN = 1e-6  # smallest normal speed, relative to that on the other side, with which a motion passes
+MARGIN = 1e-6  # smallest normal speed, relative to that on the other side, at which a motion counts as passing
 
 
 def maps(closing: Closing, at: Linearised) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the map of disturbances of each cycle, and whether it passes wherever the field jumps.
+    """Return the map of disturbances of each cycle, and whether the motion passes wherever the field jumps.
 
     Returns
     -------
@@ -49,8 +49,8 @@ def maps(closing: Closing, at: Linearised) -> tuple[Array, NDArray[np.bool_]]:
 def stabilities(closing: Closing, y: Array, at: Linearised) -> list[Stability]:
     """Return multipliers and verdicts of each cycle.
 
-    Liouville's formula is checked: the determinant of the map against the traces of the state matrices, which are
-    constant between switchings.
+    Liouville's formula serves as a check. It compares the determinant of the map with the traces of the state matrices,
+    which are constant between switchings.
     """
     n, S, sequence = closing.n, closing.sequence.S, closing.sequence
     matrices, passes = maps(closing, at)

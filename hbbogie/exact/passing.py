@@ -1,4 +1,4 @@
-"""One pass through the motion from a state, switching as it goes: the sequence where local rules do not find it."""
+"""One pass through the motion from a state: it finds the sequence of contacts if local rules do not."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
 
-STEPS = 512  # samples of the span of a cycle
-AHEAD = 32  # samples taken together
-MOST = 60  # crossings at most
-LATE = 0.3  # share of the span by which the cycle's last crossing may be off
+STEPS = 512  # samples over the span of a cycle
+AHEAD = 32  # samples computed together
+MOST = 60  # largest number of crossings
+LATE = 0.3  # allowed error in the time of the cycle's last crossing, as a share of the span
 
 
 def sequence_passed(closing: Closing, y: Array) -> tuple[Sequence, Array] | None:
-    """Return the sequence of the motion from the start of a cycle, and unknowns that belong to it.
+    """Return the sequence of the motion from the start of a cycle, and the unknowns that belong to it.
 
-    The motion is followed until a crossing is met and from there for the span of the cycle. None is returned where it
-    crosses nothing, sticks at a jump, or does not come back to the surface it began at.
+    The motion is followed to its first crossing and from there for the span of the cycle. The result is None if the
+    motion crosses nothing, sticks at a jump, or does not return to the surface at which it began.
 
     Parameters
     ----------
     closing : Closing
-        Of one cycle; its sequence gives the kind of cycle, and nothing else.
+        Of one cycle; its sequence only tells whether the phases make up a whole period or half of one.
     y : ndarray, shape (m + 1,)
         The start, the span as sum of the durations, and the parameter.
     """
@@ -48,7 +48,7 @@ def sequence_passed(closing: Closing, y: Array) -> tuple[Sequence, Array] | None
 
 
 def _crossings(closing: Closing, y: Array, span: float) -> tuple[list[float], list[int], list[Sides], list[Array]]:
-    """Return times, surfaces and states of the crossings met, and the contact states before each and after the last."""
+    """Return times, surfaces and states of the crossings, and the contact states before each and after the last."""
     x = np.append(y[: closing.n], 1.0)
     A, rows = _matrices(closing, y, closing.sequence.sides[0])
     here: Sides = tuple(map(bool, rows @ (x + 1e-9 * (A @ x)) > 0))
@@ -66,7 +66,7 @@ def _crossings(closing: Closing, y: Array, span: float) -> tuple[list[float], li
         beyond = crossed(here, k)
         A, rows = _matrices(closing, y, beyond)
         if not (rows[k] @ A @ x) * (1 if beyond[k] else -1) > 0:
-            break  # the field beyond leads back: the motion sticks
+            break  # the field beyond the surface leads back, so the motion sticks
         here = beyond
         times.append(t)
         events.append(k)
@@ -82,7 +82,7 @@ def _matrices(closing: Closing, y: Array, sides: Sides) -> tuple[Array, Array]:
 
 
 def _until_crossing(A: Array, rows: Array, x: Array, dt: float) -> tuple[Array, float, int | None]:
-    """Return state and time where the first depth ``rows @ x`` becomes negative, and which; or after some steps."""
+    """Return state and time at the first negative depth ``rows @ x``, and its surface; or those after some steps."""
     E = _flow(A, dt)
     path = x[:, None]
     power = E
@@ -99,7 +99,7 @@ def _until_crossing(A: Array, rows: Array, x: Array, dt: float) -> tuple[Array, 
 
 
 def _root(A: Array, row: Array, x: Array, dt: float) -> float:
-    """Return when a depth that is negative after a step becomes so, by safe Newton."""
+    """Return when a depth that is negative after a step becomes negative, by safeguarded Newton steps."""
     low, high, t = 0.0, dt, 0.5 * dt
     for _ in range(60):
         here = _flow(A, t) @ x

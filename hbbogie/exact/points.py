@@ -1,8 +1,8 @@
-"""Points of a branch of exact cycles, and Newton's method to one."""
+"""Points of a branch of exact cycles, and Newton's method to find one."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ FARTHEST = 0.5  # longest correction of a scaled unknown
 class Point:
     """A point of a branch: unknowns, tangent, both of shape (m + 1,), and the equations there.
 
-    ``along`` is the direction of the parameter: at a grazing the tangent itself says nothing about it, since the
-    duration of the contact that begins grows with the root of all else.
+    ``along`` is the direction of the parameter. At a grazing the tangent does not show it, because the duration of the
+    new contact grows like the square root of the other changes.
     """
 
     closing: Closing
@@ -33,8 +33,12 @@ class Point:
 
     @property
     def direction(self) -> float:
-        """Positive where the parameter rises along the walk, negative where it falls, 0 where that is not known."""
+        """Positive if the parameter rises along the walk, negative if it falls, 0 if that is not known."""
         return float(self.tangent[-1]) if self.along is None else self.along
+
+    def turned(self) -> Point:
+        """Return the point with the branch run through in the other direction."""
+        return replace(self, tangent=-self.tangent, along=None if self.along is None else -self.along)
 
     @property
     def value(self) -> float:
@@ -49,10 +53,10 @@ class Point:
 
 
 def correct(closing: Closing, y: Array, normal: Array) -> tuple[Point | None, float]:
-    """Return the point of the plane through y across ``normal``, and how far the branch was from y."""
+    """Return the point of the branch in the plane through y normal to ``normal``, and its distance from y."""
     start, first, m = y, 0.0, closing.m
     held = np.flatnonzero(normal)
-    held = held if len(held) == 1 else held[:0]  # an unknown that is held keeps its value to the last digit
+    held = held if len(held) == 1 else held[:0]  # an unknown that is held must keep its value exactly
     matrix, right = np.empty((m + 1, m + 1)), np.zeros((m + 1, 2))
     right[m, 1] = 1.0
     for _ in range(ITERATIONS):
@@ -65,7 +69,7 @@ def correct(closing: Closing, y: Array, normal: Array) -> tuple[Point | None, fl
             return None, first
         step[held] = 0.0
         size = float(np.abs(step).max())
-        if size <= FINAL:  # the correction leaves an error of the order of its square
+        if size <= FINAL:  # the error after a correction is of the order of its square
             return Point(closing, y + step, tangent / np.linalg.norm(tangent), at), first
         first = first or size
         if not size <= FARTHEST:

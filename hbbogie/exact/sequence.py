@@ -1,4 +1,4 @@
-"""The order in which a cycle crosses surfaces, and the local rules that correct it."""
+"""The order in which a cycle crosses surfaces, and operations that change it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Sides = tuple[bool, ...]
 
 @dataclass(frozen=True)
 class Sequence:
-    """S phases of a cycle, or of half of it, each in one contact state and ended by crossing a surface.
+    """S phases of a cycle, or of half of one, each in one contact state and ended by crossing a surface.
 
     Attributes
     ----------
@@ -38,18 +38,18 @@ class Sequence:
 
     @cached_property
     def states(self) -> NDArray[np.float64]:
-        """The U contact states that occur, as numbers 0 and 1, shape (U, K)."""
+        """The U different contact states, as numbers 0 and 1, shape (U, K)."""
         return np.array(list(dict.fromkeys(self.sides)), dtype=float)
 
     @cached_property
     def of(self) -> NDArray[np.int_]:
-        """Which of the states acts in each phase, shape (S,)."""
+        """The place of each phase's contact state among `states`, shape (S,)."""
         place = {sides: k for k, sides in enumerate(dict.fromkeys(self.sides))}
         return np.array([place[s] for s in self.sides])
 
     @cached_property
     def touching(self) -> tuple[int, ...]:
-        """Phases, the first excepted, that begin and end on one surface: contacts that may vanish in a grazing."""
+        """Phases, except the first, that begin and end on the same surface: contacts that may vanish in a grazing."""
         return tuple(i for i in range(1, self.S) if self.events[i] == self.events[i - 1])
 
     def without(self, i: int) -> Sequence:
@@ -58,7 +58,7 @@ class Sequence:
         return replace(self, sides=self.sides[:i] + self.sides[i + 2 :], events=events)
 
     def swapped(self, i: int) -> Sequence:
-        """Return the sequence with the events at the two ends of phase i in the other order (0 < i < S - 1)."""
+        """Return the sequence with the events at the two ends of phase i exchanged (0 < i < S - 1)."""
         a, b = self.events[i - 1], self.events[i]
         between = crossed(self.sides[i - 1], b)
         return replace(
@@ -77,7 +77,7 @@ class Sequence:
         )
 
     def rotated(self, i: int, model: SwitchedLinear) -> Sequence:
-        """Return the same cycle begun at phase i."""
+        """Return the same cycle, beginning with phase i."""
         sides, events = self.sides[:i], self.events[:i]
         if self.sigma < 0:
             assert model.mirror is not None
@@ -85,7 +85,7 @@ class Sequence:
         return replace(self, sides=self.sides[i:] + sides, events=self.events[i:] + events)
 
     def closes(self, model: SwitchedLinear) -> bool:
-        """Return whether the contact state at the end is the one of the start, mirrored for half a period."""
+        """Return whether the contact state at the end is that at the start, mirrored for half a period."""
         end = crossed(self.sides[-1], self.events[-1])
         return self.sides[0] == (model.mirrored(end) if self.sigma < 0 else end)
 

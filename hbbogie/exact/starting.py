@@ -1,4 +1,4 @@
-"""Where exact cycles begin: the grazing of a Hopf point's linear cycles, or an orbit of another method."""
+"""Starting points of exact cycles: the grazing of a Hopf point's linear cycles, or an orbit of another method."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
 
-HIGHEST = 61  # harmonic up to which the series of an exact cycle is given where nothing else is said
-SAMPLES = 2048  # per period, among which crossings of an orbit are looked for
-REPAIRS = 12  # corrections of the sequence at most
-SMALLEST = 1e-6  # size of a state, relative to the largest of its kind
+HIGHEST = 61  # highest harmonic in the series of an exact cycle, by default
+SAMPLES = 2048  # samples per period in the search for crossings of an orbit
+REPAIRS = 12  # largest number of corrections of the sequence
+SMALLEST = 1e-6  # smallest scale of a state, relative to the largest of its kind
 
 
 def frame_of(model: SwitchedLinear, states: Array, omega: float, p: Array, place: int) -> Frame:
-    """Return the scales of a cycle whose states, shape (any number, n), and frequency [rad/s] are known."""
+    """Return the scales of a cycle with known states, shape (any number, n), and frequency [rad/s]."""
     size, positions = np.abs(states).max(axis=0), np.arange(states.shape[1]) < model.system.n
     for group in (positions, ~positions):
         size[group] = np.maximum(size[group], SMALLEST * size[group].max(initial=0.0))
@@ -67,7 +67,7 @@ def at_grazing(system: System, hopf: SpecialPoint) -> Point:
     if not np.isfinite(factor[k]):
         raise ConvergenceError(
             f"system {system.name!r}: the linear cycles of the Hopf point at {hopf.parameter} = {hopf.value:g} touch "
-            "no contact, or rest on one; there is no branch of cycles in closed form that begins here."
+            "no contact, or rest on one; no branch of cycles in closed form begins here."
         )
     x: Array = rest[:-1] + (factor[k] * mode * np.exp(1j * (np.angle(-room[k]) - np.angle(reach[k])))).real
     sigma = -1 if model.symmetric and not np.any(rest[:-1]) else 1
@@ -112,8 +112,8 @@ def exact_cycle(system: System, orbit: Orbit, parameter: str, *, free: bool = Fa
     parameter : str
         The parameter that is an unknown of the equations.
     free : bool
-        Whether it is solved for, for the cycle nearest to the orbit in all unknowns. In a conservative system a
-        damping comes out as 0 so, for a cycle of that size.
+        Whether this parameter is solved for as well, which gives the cycle nearest to the orbit in all unknowns. In a
+        conservative system a damping parameter then becomes 0, for a cycle of that size.
 
     Raises
     ------
@@ -155,8 +155,8 @@ def _sequence_along(model: SwitchedLinear, waveform: Waveform, sigma: int) -> tu
     j, k = np.nonzero((d > 0) != (after > 0))
     if not len(j):
         raise ConvergenceError(
-            f"system {waveform.system.name!r}: the orbit crosses no surface at which a law changes its line, so "
-            "that it is a cycle of a linear system; give one that reaches a contact."
+            f"system {waveform.system.name!r}: the orbit crosses no surface at which a law changes its line. It "
+            "is a cycle of a linear system; give one that reaches a contact."
         )
     when = tau[j] + (tau[1] - tau[0]) * d[j, k] / (d[j, k] - after[j, k])
     order = np.argsort(when, kind="stable")
@@ -229,7 +229,7 @@ def cycle_of(point: Point | Fold) -> ExactCycle:
 def orbit_of(point: Point, H: int = HIGHEST) -> Orbit:
     """Return a point of a branch as an orbit with multipliers and verdict: the Fourier series of the exact cycle.
 
-    Frequency and multipliers are exact; of the motion the harmonics above H are left out.
+    Frequency and multipliers are exact. The motion is truncated after harmonic H.
     """
     cycle, system = cycle_of(point), point.closing.model.system
     return Orbit(

@@ -1,4 +1,4 @@
-"""Whether a cycle keeps to its sequence, by durations and depths at all surfaces, and rules that correct it."""
+"""Whether a cycle agrees with its sequence, by durations and depths at all surfaces, and rules to correct it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
 
-CLOSE = 0.03  # scaled depth below which the smallest is found exactly
-ALLOWED = 1e-8  # scaled depth on the wrong side of a surface, and scaled negative duration, that are round-off
+CLOSE = 0.03  # scaled depth below which the minimum is computed exactly
+ALLOWED = 1e-8  # scaled depth on the wrong side of a surface, and scaled negative duration, that count as round-off
 
 
 def samples(at: Linearised, of: NDArray[np.int_]) -> Array:
@@ -32,14 +32,14 @@ def samples(at: Linearised, of: NDArray[np.int_]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Depths:
-    """Smallest depth on the right side of each surface in each phase.
+    """The smallest depth of the motion on the proper side of each surface, for each phase.
 
     Attributes
     ----------
     least : ndarray, shape (B, S, K)
         Scaled; negative where the motion is on the wrong side.
     share : ndarray, shape (B, S, K)
-        Where it is, as a share of the phase.
+        Its place, as a share of the phase.
     """
 
     least: Array
@@ -47,7 +47,7 @@ class Depths:
 
 
 def depths(closing: Closing, y: Array, at: Linearised) -> Depths:
-    """Return the smallest depths, from samples and the cubics through depths and rates at their ends."""
+    """Return the smallest depths, from samples and from cubics through depths and rates at neighbouring samples."""
     n, sequence = closing.n, closing.sequence
     x, of = samples(at, sequence.of), sequence.of
     sign = 2 * sequence.states[of] - 1
@@ -55,7 +55,7 @@ def depths(closing: Closing, y: Array, at: Linearised) -> Depths:
     h = y[:, n : n + sequence.S, None, None] / 8
     depth, rate = rows @ x, (rows @ at.A[:, of]) @ x * h
     g0, g1, d0, d1 = depth[..., :-1], depth[..., 1:], rate[..., :-1], rate[..., 1:]
-    # the cubic g0 + d0 s + b s^2 + a s^3 has a minimum inside where its rate goes from falling to rising
+    # the cubic g0 + d0 s + b s^2 + a s^3 has a minimum inside if it falls at its beginning and rises at its end
     a, b = 2 * (g0 - g1) + d0 + d1, 3 * (g1 - g0) - 2 * d0 - d1
     turning = (d0 < 0) & (d1 > 0)
     root = np.sqrt(np.maximum(b * b - 3 * a * d0, 0.0))
@@ -73,7 +73,7 @@ def depths(closing: Closing, y: Array, at: Linearised) -> Depths:
 def _refined(
     closing: Closing, at: Linearised, x: Array, rows: Array, y: Array, close: tuple[NDArray[np.int_], ...], s: Array
 ) -> tuple[Array, Array]:
-    """Return exact smallest depths and where they are, as shares of an eighth, from estimates s."""
+    """Return exact smallest depths and their places, as shares of an eighth of a phase, from estimates s."""
     b, i, k, j = close
     u = closing.sequence.of[i]
     A, row, start = at.A[b, u], rows[b, i, k, None], x[b, i, :, j][..., None]
@@ -90,7 +90,7 @@ def _refined(
 
 
 def consistent(closing: Closing, y: Array, at: Linearised, found: Depths) -> NDArray[np.bool_]:
-    """Return which of the cycles keep to their sequence, shape (B,)."""
+    """Return which of the cycles agree with their sequence, shape (B,)."""
     h = y[:, closing.n : closing.n + closing.sequence.S]
     return np.asarray((h > -ALLOWED).all(axis=1) & (found.least > -ALLOWED).all(axis=(1, 2)))
 
@@ -98,10 +98,10 @@ def consistent(closing: Closing, y: Array, at: Linearised, found: Depths) -> NDA
 def repaired(
     sequence: Sequence, y: Array, n: int, model: SwitchedLinear, at: Linearised, found: Depths, b: int = 0
 ) -> tuple[Sequence, Array] | None:
-    """Return a better sequence and guess for cycle b, by one local rule; None where none applies.
+    """Return a better sequence and guess for cycle b, by one local rule; None if no rule applies.
 
-    A contact whose duration is negative is left out; crossings in the wrong order change places; where a surface is
-    crossed inside a phase a contact is put in.
+    A contact with a negative duration is removed. Crossings in the wrong order are exchanged. If a surface is crossed
+    inside a phase, a contact is inserted.
     """
     S = sequence.S
     h = y[n : n + S]
@@ -133,5 +133,5 @@ def repaired(
 
 
 def joined(y: Array, i: int) -> Array:
-    """Return the unknowns with three durations, from place i on, made one."""
+    """Return the unknowns with the three durations from place i on merged into one."""
     return np.concatenate([y[:i], [y[i : i + 3].sum()], y[i + 3 :]])

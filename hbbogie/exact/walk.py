@@ -1,4 +1,4 @@
-"""Branches of exact cycles: predictor with tangent and curvature, grazings and folds located on the way."""
+"""Branches of exact cycles: a predictor with tangent and curvature; grazings and folds are located on the way."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from hbbogie.results.ending import Ending
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-11  # largest scaled residual of a fold
-PREDICTED = 1e-2  # distance of the predicted point from the branch at which the step stays as it is
+PREDICTED = 1e-2  # distance of the predicted point from the branch for which the step remains unchanged
 SHORTEST = 1e-5  # step at which the walk gives up
-NEARER = 1e-3  # step at which a change of the sequence is passed without being located
-SHORT = 1e-4  # scaled duration of a contact below which its vanishing is taken for a fold
-BISECTIONS = 8  # halvings of the way between two points in search of a fold
+NEARER = 1e-3  # step below which a change of the sequence is passed without being located
+SHORT = 1e-4  # scaled duration of a contact below which its vanishing would be mistaken for a fold
+BISECTIONS = 8  # bisections between two points in search of a fold
 
 
 def predicted(before: Point | None, here: Point, s: float) -> Array:
-    """Return the cubic through two points and their tangents, or the tangent alone, at a distance s."""
+    """Return the point at a distance s on the cubic through two points and their tangents, or on the tangent alone."""
     t = here.tangent
     if before is None or len(before.y) != len(here.y) or before.closing is not here.closing:
         return here.y + s * t
@@ -38,7 +38,7 @@ def predicted(before: Point | None, here: Point, s: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The points of a branch in order, and why it ends."""
+    """The points of a branch, in order, and the reason why it ends."""
 
     points: list[Point]
     end: Ending
@@ -57,7 +57,7 @@ def follow(
     ----------
     first : Point
     window : (float, float), unit of the parameter
-        Where the walk ends.
+        The walk ends when the parameter leaves it.
     step, longest : float
         First and longest step in the norm of the scaled unknowns.
     most : int
@@ -85,12 +85,16 @@ def follow(
             if changed.kind == "lost":
                 return Walk(
                     [*points, replace(changed, kind="grazing")],
-                    Ending("contact", "the last contact is lost in a grazing; what goes on is linear"),
+                    Ending("contact", "the last contact is lost in a grazing; the motion beyond is linear"),
                 )
         else:
             changed = there
         if changed.direction * here.direction < 0:
-            points.append(between(here, there, changed))
+            turn = between(here, there, changed)
+            if turn.kind != "fold" and length > NEARER:  # a grazing may follow closely
+                length /= 3
+                continue
+            points.append(turn)
         if not low <= changed.y[-1] <= high:
             bound = low if changed.y[-1] < low else high
             end = window[0] if changed.y[-1] < low else window[1]
@@ -119,9 +123,9 @@ def _landed(here: Point, there: Point, bound: float) -> list[Point]:
 
 
 def between(here: Point, there: Point, changed: Point) -> Point:
-    """Return the fold between two points, in the sequence of either; the second point where none is found.
+    """Return the fold between two points, in the sequence of either; the second point if none is found.
 
-    ``there`` is the second point in the sequence of the first, ``changed`` the same in its own.
+    ``there`` is the second point in the sequence of the first, and ``changed`` is the same point in its own sequence.
     """
     far = 2 * np.linalg.norm(there.y - here.y)
     for closing, y in _guesses(here, there, changed):
@@ -138,7 +142,7 @@ def between(here: Point, there: Point, changed: Point) -> Point:
 
 
 def _guesses(here: Point, there: Point, changed: Point) -> Iterator[tuple[Closing, Array]]:
-    """Yield guesses of a fold between two points: by a straight line, the points, then by halving."""
+    """Yield guesses of a fold between two points: on a straight line, at the points, then by bisection."""
     a, b = here.direction, there.direction
     share = a / (a - b) if a * b < 0 else 1.0
     yield here.closing, here.y + share * (there.y - here.y)

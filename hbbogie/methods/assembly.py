@@ -1,10 +1,10 @@
 """Assembly of the harmonic-balance residual with exact first and second derivatives.
 
-The residual is put together in two stages. What varies with the number of contacts or samples comes
-first: the Fourier coefficients of the ramps and of the sampled forces. Everything else, among it the dynamic
-stiffness and the condensation, is one scalar-expanded function of the unknowns, the parameters and those
-coefficients, in which it is linear. Derivatives follow the same two stages, which keeps them exact and
-sparse, and far cheaper than differentiating the whole.
+The residual is assembled in two stages. The first stage contains what depends on the number of contacts or samples: the
+Fourier coefficients of the ramps and of the sampled forces. Everything else, including the dynamic stiffness and the
+condensation, is one scalar-expanded function of the unknowns, the parameters and those coefficients, and is linear in
+the latter. Derivatives follow the same two stages. This keeps them exact and sparse, and makes them far cheaper than
+differentiating the whole.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ class Assembly:
     layout : Layout
     system : System
     force : callable, optional
-        (element, coefficients of its argument, p) -> coefficients of its force, for the elements that the
-        layout's parts keep apart; by default their ramps are integrated exactly between the contact times.
+        (element, coefficients of its argument, p) -> coefficients of its force, for the elements that the layout's
+        parts keep separate. By default, their ramps are integrated exactly between the contact times.
 
     Attributes
     ----------
     layout : Layout
     R : tuple of int
-        Equations whose moving harmonics are kept; the others eliminate the condensed coordinates.
+        Equations whose harmonics above 0 are kept; the others eliminate the condensed coordinates.
     residual : casadi.Function, (z, p) -> F
     coefficients : casadi.Function, (z, p) -> shape (2 H + 1, n)
     frequency : casadi.Function, z -> omega
@@ -66,7 +66,7 @@ class Assembly:
         z, p = self._mx()
         c = self._first_stage(z, p, self._gains(z, p))
         self.residual = ca.Function("F", [z, p], [self.stage(z, p, c)], ["z", "p"], ["F"])
-        if not any(i in self.E for i in self.force_rows):  # condensed coordinates do not feel the forces directly
+        if not any(i in self.E for i in self.force_rows):  # the forces do not act directly on condensed coordinates
             c = ca.MX.zeros(*c.shape)
         self.coefficients = ca.Function("coefficients", [z, p], [self._decode(z, p, c)], ["z", "p"], ["c"])
         self.frequency = ca.Function("omega", [z], [layout.unpack(z)[2]])
@@ -77,16 +77,16 @@ class Assembly:
     # --- first stage: ramps between their contact times, and sampled forces ---------------------
 
     def _gains(self, z: ca.MX, p: ca.MX) -> Gains:
-        """Return for each ramp its input w, its gain G (the coefficients are G w), contact times and weights."""
+        """Return the input w of each ramp, its gain G (the coefficients are G w), its contact times and weights."""
         found = []
         for w in ca.horzsplit(self.inputs(z, p)) if self.ramp else []:
             moments, times, weights = self.ramp.contacts(w)
-            # frozen: the force vanishes at the contact times, so they add nothing at first order
+            # held constant: the force vanishes at the contact times, so they do not matter at first order
             found.append((w, self.ramp.gain(ca.stop_diff(moments, 1)), times, weights))
         return found
 
     def _first_stage(self, z: ca.MX, p: ca.MX, gains: Gains) -> ca.MX:
-        """Return the coefficients of all ramps, then of the sampled forces, one column each."""
+        """Return the coefficients of all ramps and then of the sampled forces, one column each."""
         ramps = [ca.mtimes(G, w) for w, G, _, _ in gains]
         return ca.horzcat(*ramps, self.sampling.coefficients(z, p))
 
@@ -157,11 +157,11 @@ class Assembly:
     def _ramp_force(
         self, element: Any, u: ca.SX, p: ca.SX, c: ca.SX, ramps: list[tuple[int, tuple[ca.SX, ca.SX]]]
     ) -> ca.SX:
-        """Return the force coefficients of a contact element: its straight line and its ramps, with their places."""
+        """Return the force coefficients of a contact element from its straight line and its ramps, at their places."""
         layout = self.layout
         offset, stiffness, _, _ = element.ramps(p)
         force = stiffness * u
-        if layout.half:  # over the half period that stands for the whole, a constant is not free of harmonics
+        if layout.half:  # over a half period that represents the whole, a constant has harmonics
             for k, h in enumerate(layout.moving):
                 force[2 * k + 1] += (offset + stiffness * self._rest(element, p)) * 4 / (np.pi * h)
         elif not layout.odd:
@@ -173,7 +173,7 @@ class Assembly:
     def _forces(
         self, z: ca.SX, p: ca.SX, c: ca.SX, inputs: list[tuple[ca.SX, ca.SX]]
     ) -> tuple[dict[int, ca.SX], list[ca.SX]]:
-        """Return the force coefficients of the moving harmonics per equation, and the mean force of each."""
+        """Return the force coefficients of the harmonics above 0 for each equation, and the mean force in each."""
         layout, parts = self.layout, self.layout.parts
         total = {i: ca.SX.zeros(len(fourier.rows_of(layout.kept))) for i in range(layout.n)}
         for k, i in enumerate(parts.remainder_rows):
@@ -206,7 +206,7 @@ class Assembly:
             pair += [forces[i][2 * k : 2 * k + 2] for i in self.force_rows if i in self.E]
             for out, re, im in ((rows, Z_re, Z_im), (XC, P_re, P_im)):
                 x, y = ca.vertcat(*(v[0] for v in pair)), ca.vertcat(*(v[1] for v in pair))
-                # a coefficient pair (c, s) stands for the complex amplitude c - i s
+                # a coefficient pair (c, s) represents the complex amplitude c - i s
                 cosine, sine = re @ x + im @ y, re @ y - im @ x
                 for i, target in enumerate(out):
                     target += [cosine[i], sine[i]]
@@ -252,9 +252,9 @@ class Assembly:
         return ca.Function("dF", [z, p], [ca.densify(F), ca.densify(J)], ["z", "p"], ["F", "J"])
 
     def _lagrangian(self) -> tuple[list[ca.SX], ca.SX]:
-        """Return [z, p, c, multipliers, pulls], and multipliers . F with the ramps' inputs pulled at besides.
+        """Return [z, p, c, multipliers, pulls], and multipliers . F plus pulls . inputs of the ramps.
 
-        ``pulls`` has the shape of the inputs and stands for the derivative of multipliers . F in each of them.
+        ``pulls`` has the shape of the inputs and is the derivative of multipliers . F in each of them.
         """
         sx, lam = self._stage_symbols(), ca.SX.sym("multipliers", self.layout.size)
         pulls = ca.SX.sym("pulls", *self.inputs.size_out(0))
@@ -278,7 +278,7 @@ class Assembly:
 
     def _build_sensitivity(self) -> ca.Function:
         sx, L = self._lagrangian()
-        on_p = ca.Function("stage_slopes", sx, [ca.densify(ca.gradient(L, sx[1]))])  # one sweep, not a Jacobian
+        on_p = ca.Function("stage_slopes", sx, [ca.densify(ca.gradient(L, sx[1]))])  # one sweep, no Jacobian
         z, p = self._mx()
         multipliers, gains = ca.MX.sym("multipliers", self.layout.size), self._gains(z, p)
         c = self._first_stage(z, p, gains)

@@ -1,15 +1,15 @@
 """Cycles by equivalent linearisation with compatible inputs and outputs (equations 5 to 9 of the source).
 
-Input amplitudes of the elements give equivalent stiffnesses; at the critical value of a parameter the
-linear system oscillates, and the eigenvector gives output amplitudes. A cycle is where outputs and
-inputs agree: with the amplitude a_1 of one element held, the other amplitudes, a common factor c and
-the input frequency omega minimise the dimensionless objective (eq-compatibility)::
+Input amplitudes of the elements determine equivalent stiffnesses. At the critical value of a parameter the linear
+system oscillates, and the eigenvector gives output amplitudes. There is a cycle if outputs and inputs agree. The
+amplitude a_1 of one element is held. The other amplitudes, a common factor c and the input frequency omega minimise the
+dimensionless objective (eq-compatibility)::
 
     sum_i ((a_i - c b_i) / s_i)^2 + (omega / omega_h - 1)^2,    a_i, c, omega > 0
 
-s_i, a_1 for the first element and the amplitude at the start for the others, makes amplitudes of unlike
-units comparable; at a cycle the objective is 0 whatever the s_i. The source adds metres and radians per
-second, with all s_i and the last divisor 1.
+The scales s_i are a_1 for the first element and the initial amplitudes for the others. They make amplitudes with
+different units comparable. At a cycle the objective is 0 whatever the s_i are. The source adds metres and radians per
+second, with all s_i and the last divisor equal to 1.
 
 References
 ----------
@@ -55,16 +55,16 @@ class Compatible:
     amplitudes : dict of float, unit of the argument
         Of each element's argument, by the element's name.
     objective : float
-        What is left of the dimensionless objective; 0 where inputs and outputs agree.
+        Remaining value of the dimensionless objective; 0 if inputs and outputs agree.
     method : {"ipopt", "search"}
     evaluations : int
-        Evaluations of the objective, by IPOPT together with its constraints.
+        Number of evaluations of the objective; with IPOPT, together with its constraints.
     milliseconds : float
-        Time of the solve; functions and solver are built once before.
+        Time of the solve, without building functions and solver, which happens once before.
     status : str
         A sentence on how it ended.
     orbit : Orbit
-        The cycle with one harmonic, the phase that of the element whose amplitude is held.
+        The cycle with one harmonic, in the phase of the element whose amplitude is held.
     """
 
     parameter: str
@@ -93,19 +93,19 @@ def compatible(
     Parameters
     ----------
     system : System
-        Odd, and linear but for its elements.
+        An odd system that is linear except for its elements.
     amplitude : mapping of one element name to float
-        First-harmonic amplitude of that element's argument, in its unit: held.
+        First-harmonic amplitude of that element's argument, in its unit, which is held.
     parameter : str
-        The parameter whose value at the cycle is asked for.
+        The parameter whose value at the cycle is to be found.
     interval : (float, float), unit of the parameter
-        Where the equilibrium loses stability: the search starts there and may leave it.
+        Where to look for the loss of stability of the equilibrium. The search starts there and may leave the interval.
     method : {"ipopt", "search"}
         One nonlinear program with the eigenvalue condition as constraints and exact derivatives, or the
         derivative-free search of the source (Nelder-Mead with restarts; every evaluation solves an
         eigenvalue problem).
     guess : Orbit, optional
-        A cycle near by; replaces the interval as start.
+        A nearby cycle, which replaces the interval as the start.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def compatible(
     if not objective <= AGREED:
         raise ConvergenceError(
             f"equivalent linearisation of {system.name!r}: inputs and outputs do not agree (objective {objective:.2e}; "
-            f"{status}) at the amplitude {a1:g} of {equivalent.names[first]!r}; start from a cycle near by with "
+            f"{status}) at the amplitude {a1:g} of {equivalent.names[first]!r}; start from a nearby cycle with "
             "guess=..., or take another amplitude.",
             _orbit(equivalent, first, a1, found, status),
             {"evaluations": counted, "objective": objective},
@@ -158,7 +158,7 @@ def compatible(
 def _start(
     equivalent: EquivalentSystem, first: int, a1: float, interval: tuple[float, float], guess: Orbit | None
 ) -> tuple[Array, NeutralMode]:
-    """Return input amplitudes to begin with and the critical value that belongs to them."""
+    """Return initial input amplitudes and the critical value that belongs to them."""
     if guess is not None:
         mode = guess.coefficients[1] - 1j * guess.coefficients[2]
         outputs = np.abs((equivalent.du_dq + 1j * guess.omega * equivalent.du_dv) @ mode)
@@ -214,7 +214,7 @@ def _by_search(equivalent: EquivalentSystem, first: int, inputs: Array, known: N
             latest = equivalent.critical(equivalent.stiffness(a), latest.value, latest.omega)
         except ConvergenceError:
             return 1e6
-        b = inputs[first] * np.abs(latest.outputs) / np.abs(latest.outputs[first])  # its size is arbitrary
+        b = inputs[first] * np.abs(latest.outputs) / np.abs(latest.outputs[first])  # the size of the mode is arbitrary
         return float((((a - c * b) / inputs) ** 2).sum() + (omega / latest.omega - 1) ** 2)
 
     x, best = np.zeros(m + 1), np.inf
@@ -241,7 +241,7 @@ def _by_ipopt(program: Any, equivalent: EquivalentSystem, first: int, inputs: Ar
     second = [i for i, s in enumerate(system.second_order) if s]
     mode = known.mode * inputs[first] / known.outputs[first]
     state = np.r_[mode, 1j * known.omega * mode[second]]
-    # typical sizes of the states, for well-scaled unknowns: positions by the mode, velocities by omega times that
+    # typical sizes of the states, for well-scaled unknowns: the mode for positions, omega times the mode for velocities
     sizes = np.maximum(np.abs(mode), 1e-3 * np.abs(mode).max())
     sizes = np.r_[sizes, known.omega * sizes[second]]
     y = state / sizes

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def frequency_scale(system: System, p: Array) -> float:
-    """Return a typical frequency: that of the least damped oscillation at rest, else 1 rad/s."""
+    """Return a typical frequency: that of the least damped oscillation at rest, or 1 rad/s if there is none."""
     try:
         eigenvalues = np.linalg.eigvals(system.state_matrix(np.zeros(system.n_states), p))
     except ConvergenceError:  # the equations are not smooth at rest
@@ -29,8 +29,8 @@ def frequency_scale(system: System, p: Array) -> float:
 def choose_rows(system: System, parts: Parts, C: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the equations kept (R) and those that eliminate the linear coordinates (E).
 
-    Those of the same number where they determine the coordinates C; otherwise the best conditioned,
-    found by pivoting.
+    E are the equations with the same numbers as the coordinates C if they determine C. Otherwise they are the best
+    conditioned ones, found by pivoting.
     """
     if not C:
         return tuple(range(system.n)), ()
@@ -55,8 +55,8 @@ def dynamic_stiffness(
 ) -> ca.Function:
     """Return (kappa, p) -> (Re Z, Im Z, Re P, Im P), the condensed dynamic stiffness of one harmonic.
 
-    With inputs y = (x_S, forces in the equations E): residual of the equations R = Z y, condensed
-    coordinates x_C = P y (eq-dynamic-stiffness, eq-condensation).
+    With the inputs y = (x_S, forces in the equations E), the residual of the equations R is Z y, and the condensed
+    coordinates are x_C = P y (eq-dynamic-stiffness, eq-condensation).
     """
     kappa, p = ca.SX.sym("kappa"), ca.SX.sym("p", parts.mass.size1_in(0))
     real, imaginary = parts.stiffness(p) - kappa**2 * parts.mass(p), kappa * parts.damping(p)

@@ -1,11 +1,10 @@
 """Exact Fourier coefficients of piecewise-linear forces, integrated between their contact times.
 
-A ramp ``k max(s(tau), 0)`` with ``s`` a trigonometric polynomial is the product of ``k s`` and the
-contact indicator, which is 1 where s > 0. The Fourier coefficients of the indicator follow in closed
-form from the contact times, the roots of s; those of the force are then a Toeplitz-plus-Hankel
-matrix of the indicator's coefficients times those of s (theory page, eq-contact-moments and
-eq-contact-force). No sampling error is left, and since the force vanishes at the contact times the
-first derivative is that same matrix.
+A ramp ``k max(s(tau), 0)`` with ``s`` a trigonometric polynomial is the product of ``k s`` and the contact indicator,
+which is 1 where s > 0. The Fourier coefficients of the indicator follow in closed form from the contact times, the
+roots of s; those of the force are then a Toeplitz-plus-Hankel matrix of the indicator's coefficients times those of s
+(theory page, eq-contact-moments and eq-contact-force). There is no sampling error. Since the force vanishes at the
+contact times, the first derivative is that same matrix.
 """
 
 from __future__ import annotations
@@ -19,15 +18,15 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 
 NEWTON_STEPS = 6
-GRAZING_SLOPE = 1e-7  # smallest |s'| in units of the largest coefficient: the second derivative is unbounded at grazing
+GRAZING_SLOPE = 1e-7  # smallest |s'| relative to the largest coefficient: at grazing the second derivative is infinite
 
 
 @dataclass(frozen=True, eq=False)
 class Ramp:
-    """What it takes to integrate ``max(s, 0)`` exactly, for s with the given harmonics.
+    """Functions that integrate ``max(s, 0)`` exactly, for s with the given harmonics.
 
-    ``s`` is kept as w, shape (1 + rows,): a constant, then the coefficients on `rows`. Over half a period the
-    result is what one ramp of an odd pair contributes.
+    ``s`` is stored as w, shape (1 + rows,): a constant, then the coefficients on `rows`. Over half a period the result
+    is the contribution of one ramp of an odd pair.
 
     Attributes
     ----------
@@ -53,7 +52,7 @@ class Ramp:
     def curvature(self, times: ca.MX, weights: ca.MX, multipliers: ca.MX) -> ca.MX:
         """Return the matrix of second derivatives of multipliers . G w, shape (1 + rows,) squared.
 
-        It comes from the contact times that move with w (eq-contact-hessian).
+        It results from the movement of the contact times with w (eq-contact-hessian).
         """
         basis = _symbolic_basis(self.harmonics, times)
         projection = basis[:, 1:] * (2 / self.length)
@@ -64,7 +63,7 @@ class Ramp:
 
 
 def make_ramp(harmonics: tuple[int, ...], half: bool) -> Ramp:
-    """Build the functions for a set of harmonics (0 among them unless ``odd``).
+    """Build the functions for a set of harmonics (including 0 unless only odd ones are kept).
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ def make_ramp(harmonics: tuple[int, ...], half: bool) -> Ramp:
         Whether to integrate over half a period, which is enough for pairs of ramps of odd-harmonic signals.
     """
     H = harmonics[-1]
-    cells = max(32, 4 * H) if half else max(64, 8 * H)  # four per wave of the highest harmonic, at least
+    cells = max(32, 4 * H) if half else max(64, 8 * H)  # at least four for each wave of the highest harmonic
     length = np.pi if half else 2 * np.pi
     rows = fourier.rows_of(harmonics)
     w = ca.MX.sym("w", 1 + len(rows))
@@ -134,7 +133,7 @@ def product_table(H: int, rows: np.ndarray, length: float) -> ca.DM:
             if mk == hk:  # cos cos, sin sin
                 add(place, "c", m - h, scale)
                 add(place, "c", m + h, scale if mk == "c" else -scale)
-            else:  # the sine's harmonic comes first in the difference
+            else:  # the harmonic of the sine comes first in the difference
                 add(place, "s", m + h, scale)
                 add(place, "s", m - h if mk == "s" else h - m, scale)
     places, moments = zip(*entries, strict=True)
@@ -143,7 +142,7 @@ def product_table(H: int, rows: np.ndarray, length: float) -> ca.DM:
 
 
 def _kinds(ends: list[ca.MX], width: float) -> ca.MX:
-    """Return of each cell: 0 idle, 1 one crossing of a monotone piece, 2 an extremum that may touch or cross zero."""
+    """Return the kind of each cell: 0 no contact, 1 one crossing, 2 an extremum that may touch or cross zero."""
     s_lo, s_hi, ds_lo, ds_hi = ends
     near = ca.fmin(ca.fabs(s_lo), ca.fabs(s_hi)) < 2 * width * ca.fmax(ca.fabs(ds_lo), ca.fabs(ds_hi))
     turns = ca.logic_and(ds_lo * ds_hi < 0, near)
@@ -151,10 +150,10 @@ def _kinds(ends: list[ca.MX], width: float) -> ca.MX:
 
 
 def _cell(harmonics: tuple[int, ...], rows: np.ndarray, width: float) -> ca.Function:
-    """Return what one cell of the phase grid, of the kind given first, adds to the moments, and its contact times.
+    """Return the contribution of one cell of the phase grid, of a given kind, to the moments, and its contact times.
 
-    Cells without a contact cost nothing; cells with one extremum inside are cut there, so that contacts
-    shorter than a cell (grazing) are met as well.
+    Cells without a contact cost nothing. Cells with an extremum inside are divided there, so that contacts shorter than
+    a cell (grazing) are found as well.
     """
     H = harmonics[-1]
     w = ca.SX.sym("w", 1 + len(rows))
@@ -182,7 +181,7 @@ def _cell(harmonics: tuple[int, ...], rows: np.ndarray, width: float) -> ca.Func
 
 
 def _evaluation(harmonics: tuple[int, ...]) -> ca.Function:
-    """Return (w, tau) -> s, s', s'', by rotation from harmonic to harmonic: one sine and one cosine in all."""
+    """Return (w, tau) -> s, s', s'', by rotation from harmonic to harmonic, with only one sine and one cosine."""
     w, tau = ca.SX.sym("w", 1 + len(fourier.rows_of(harmonics))), ca.SX.sym("tau")
     s, d1, d2 = w[0], ca.SX(0), ca.SX(0)
     cosines, sines = _rotations(harmonics[-1], tau)
@@ -210,14 +209,14 @@ def _rotations(K: int, tau: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
 def _contact(harmonics: tuple[int, ...]) -> ca.Function:
     """Return (w, lo, hi, s_lo, s_hi, start) -> moments, time and 1/|s'| of the one crossing in [lo, hi].
 
-    They are zeros where there is none.
+    They are zero if there is none.
     """
     w, evaluate = ca.SX.sym("w", 1 + len(fourier.rows_of(harmonics))), _evaluation(harmonics)
     lo, hi, s_lo, s_hi, start = (ca.SX.sym(n) for n in ("lo", "hi", "s_lo", "s_hi", "start"))
     crosses = (s_lo > 0) != (s_hi > 0)
     rising = s_hi > 0
     tau, a, b = start, lo, hi
-    for _ in range(NEWTON_STEPS):  # Newton, kept in its bracket by bisection
+    for _ in range(NEWTON_STEPS):  # Newton's method, safeguarded by bisection
         s, d1, _ = evaluate(w, tau)
         before = (s > 0) != rising
         a, b = ca.if_else(before, tau, a), ca.if_else(before, b, tau)

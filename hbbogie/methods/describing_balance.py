@@ -1,4 +1,4 @@
-"""Equivalent linearisation as equations: every element a spring whose stiffness depends on its amplitude."""
+"""Equivalent linearisation as equations: every element becomes a spring with an amplitude-dependent stiffness."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from hbbogie.methods.scales import make_equations
 from hbbogie.model.parts import Parts, split
 from hbbogie.model.system import System
 
-TINY = 1e-60  # square of an amplitude that counts as none: keeps the square root and its derivatives finite
+TINY = 1e-60  # square of an amplitude that counts as zero, which keeps the square root and its derivatives finite
 ORDERS = {1: "first", 2: "second"}
 
 
 @dataclass(frozen=True)
 class DescribingFunction:
-    """Balance of one harmonic, the force of each element by the describing function of its law.
+    """Balance of one harmonic, with the force of each element from the describing function of its law.
 
-    At order 1 this is `HarmonicBalance` with one harmonic. A law without closed form goes by a fixed rule of
-    256 points a period (see `describing_function`), nonlinear terms that are no elements by sampling.
+    At order 1 this is `HarmonicBalance` with one harmonic. A law without closed form is integrated by a fixed rule of
+    256 points a period (see `describing_function`). Nonlinear terms that are not elements are sampled.
 
     Parameters
     ----------
     order : {1, 2}
-        2 feeds the higher harmonics of conservative laws back (Krylov, Bogoliubov, Mitropolsky). It assumes
-        that a spring of the law's reference stiffness and the inertia alone answer them, and need not be
-        better than order 1: of a free mass between springs behind gaps it is not.
+        Order 2 feeds back the higher harmonics of conservative laws (Krylov, Bogoliubov, Mitropolsky). It assumes that
+        only the inertia and a spring of the law's reference stiffness respond to them. It need not be better than order
+        1, and for a free mass between springs behind gaps it is worse.
     samples : int
         Samples per period for nonlinear terms that are no elements: exact for polynomials up to degree 30.
     condense : bool
@@ -73,7 +73,7 @@ class DescribingFunction:
         """
         if not system.odd:
             raise ModelError(
-                f"DescribingFunction: {system.name!r} is not odd (r(-q) = -r(q)), so that its cycles have a mean and "
+                f"DescribingFunction: {system.name!r} is not odd (r(-q) = -r(q)), so its cycles have a mean and "
                 "even harmonics; take HarmonicBalance(harmonics) instead."
             )
         parts = system.once(("parts", "every law"), lambda: split(system.dynamics, contact=True, every_law=True))
@@ -104,7 +104,7 @@ class DescribingFunction:
         if self.order == 2 and parts.remainder_rows:
             names = ", ".join(system.coordinate_names[i] for i in parts.remainder_rows)
             raise ModelError(
-                f"DescribingFunction: the equations of {names} contain nonlinear terms that are no elements; order 2 "
+                f"DescribingFunction: the equations of {names} contain nonlinear terms that are not elements; order 2 "
                 "needs laws: write them with Element, take order=1 or HarmonicBalance(harmonics)."
             )
 

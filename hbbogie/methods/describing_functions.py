@@ -1,9 +1,9 @@
 """Describing functions: force laws as springs whose stiffness depends on the amplitude.
 
-Over the motion u = Y cos(tau) the force has harmonics f_n(Y). The first order keeps f_1 / Y. In the second
-order of Krylov, Bogoliubov and Mitropolsky the other harmonics move the oscillator, u_n = f_n / (k (n^2 - 1))
-with a reference stiffness k, and the motion is fed back through f_n'(Y), the mean of F'(Y cos) cos cos n (twice
-that for n > 0). Everything here is written for expressions; numbers are put in at the end.
+For the motion u = Y cos(tau) the force has harmonics f_n(Y). The first order keeps f_1 / Y. In the second order of
+Krylov, Bogoliubov and Mitropolsky the other harmonics move the oscillator, u_n = f_n / (k (n^2 - 1)) with a reference
+stiffness k, and this motion is fed back through f_n'(Y), the mean of F'(Y cos) cos cos n (twice that for n > 0).
+Everything here is written for expressions. Numbers are inserted at the end.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from hbbogie.model.ramps import Ramps, Scalar, contact_angle
 
 Array = NDArray[np.float64]
 HIGHEST = 201  # last harmonic of the second-order series of piecewise-linear laws, and of quadrature
-POINTS, RESOLVED = 128, 31  # midpoints over half a period of the fixed rule, and the last harmonic taken from it
+POINTS, RESOLVED = 128, 31  # midpoints of the fixed rule over half a period, and the last harmonic computed from it
 NODES = 256  # Gauss nodes between break points: enough for the highest harmonic
 METHODS = ("auto", "closed", "quadrature")
 
@@ -46,13 +46,13 @@ def describing_function(
     amplitude : float, array_like, or scalar CasADi expression; unit of the argument
         Y, positive.
     order : {1, 2}
-        1: the first harmonic of the force over Y. 2: higher harmonics, and the mean of a lopsided law, move
-        the oscillator of the reference stiffness and are fed back; for conservative laws.
+        1: the first harmonic of the force divided by Y. 2: higher harmonics, and the mean of an asymmetric law, move an
+        oscillator with the reference stiffness and are fed back. Order 2 is for conservative laws.
     method : {"auto", "closed", "quadrature"}
-        "closed": in closed form (order 2 of a piecewise-linear law: a series). "quadrature": numerically,
-        adaptive at order 1, with break points where the law has corners. "auto": closed form where it is known.
-        An expression of amplitude, for a law without closed form, goes by a fixed rule of 256 points a
-        period (`Friction` of a width of 1/20 of the amplitude: 1e-10, of 1/150: 3e-5).
+        "closed": in closed form (order 2 of a piecewise-linear law: a series). "quadrature": numerically, adaptive at
+        order 1, with break points where the law has corners. "auto": closed form where it is known. For a law without
+        closed form, an expression as amplitude uses a fixed rule of 256 points a period. Its error for `Friction` is
+        1e-10 if the width is 1/20 of the amplitude, and 3e-5 if it is 1/150.
     reference : scalar, optional, unit of force per unit of the argument
         Reference stiffness of order 2; by default the law's own (`DeadBand`: that behind the gap; `Saturation`,
         `Cubic`, `Polynomial`: that at zero).
@@ -70,8 +70,8 @@ def describing_function(
 
     Notes
     -----
-    The series of order 2 runs to n = 201. What is left out is at most K^2 / (pi^2 k (n^2 - 1)^2) with K the sum
-    of the ramps' abs(k) and k the reference: for the dead band 2.5e-10 of its stiffness.
+    The series of order 2 runs to n = 201. The remainder is at most K^2 / (pi^2 k (n^2 - 1)^2), with K the sum of the
+    ramps' abs(k) and k the reference stiffness. For the dead band this is 2.5e-10 of its stiffness.
 
     References
     ----------
@@ -79,7 +79,7 @@ def describing_function(
 
     Examples
     --------
-    Of a cubic spring it is 3/4 of the coefficient times the amplitude squared.
+    For a cubic spring it is 3/4 of the coefficient times the amplitude squared.
 
     >>> from hbbogie.model import Cubic
     >>> float(describing_function(Cubic(4.0), 0.5))
@@ -116,7 +116,7 @@ def has_closed_form(law: Law | Backlash, order: int) -> bool:
 
 
 def reference_stiffness(law: Any, given: Scalar = None, name: str = "") -> ca.SX:
-    """Return the reference stiffness of order 2; raise `ModelError` where there is none or it is not positive."""
+    """Return the reference stiffness of order 2; raise `ModelError` if there is none or it is not positive."""
     k = known(law, "reference_stiffness") if given is None else given
     where = f"element {name!r}" if name else f"{type(law).__name__}"
     if k is None:
@@ -138,7 +138,7 @@ def _by_expression(law: Any, amplitude: Any, order: int, reference: Any) -> Any:
     else:
         parts = [first_order(law, Y)]
     strangers = [s for s in ca.symvar(ca.vertcat(*parts)) if not ca.is_equal(s, Y)]
-    if strangers:  # the law contains parameters: so does its describing function
+    if strangers:  # a law that contains parameters has a describing function that contains them, too
         values = [ca.substitute(part, Y, ca.SX(amplitude)) for part in parts]
         return values[0] if len(parts) == 1 else tuple(values)
     N = ca.Function("N", [Y], parts)
@@ -153,7 +153,7 @@ def _by_expression(law: Any, amplitude: Any, order: int, reference: Any) -> Any:
 
 
 def first_order(law: Any, Y: ca.SX) -> ca.SX:
-    """Return f_1 / Y: in closed form, or by the fixed rule where that is not known."""
+    """Return f_1 / Y, in closed form or, if that is not known, by the fixed rule."""
     N = known(law, "describing", Y)
     if N is not None:
         return ca.SX(N)
@@ -194,7 +194,7 @@ def _share(n: int) -> float:
 
 
 def _of_ramps(ramps: Ramps, Y: ca.SX) -> Iterator[tuple[int, ca.SX, ca.SX]]:
-    """Yield the harmonics of a piecewise-linear law, the even ones only where they do not cancel."""
+    """Yield the harmonics of a piecewise-linear law; the even ones only if they do not cancel."""
     odd = _is_paired(ramps)
     # direction, stiffness, jump, threshold, contact angle and its slope in Y
     kinds: list[tuple[int, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]] = []
@@ -263,7 +263,7 @@ def _project(values: list[ca.SX], n: int) -> ca.SX:
 
 
 def _by_quadrature(law: Any, Y: float, order: int, reference: Any) -> Any:
-    """Return the describing function at one amplitude; its integrals are split where the law has corners."""
+    """Return the describing function at one amplitude, with its integrals split at the corners of the law."""
     if hasattr(law, "steady_force"):
         turn = np.arccos(np.clip(1 - 2 * float(law.gap) / Y, -1, 1))
         turns = np.unique([0, turn, np.pi, np.pi + turn, 2 * np.pi])

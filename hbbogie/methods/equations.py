@@ -1,12 +1,13 @@
-"""The waist: algebraic equations F(z, p) = 0 for cycles, whatever method they come from.
+"""The interface between methods and solvers: algebraic equations F(z, p) = 0 for cycles, from any method.
 
-Solvers, continuation and optimisation see only `Equations`; a method makes them and never imports a solver.
+Solvers, continuation and optimisation see only `Equations`. A method makes them and never imports a solver.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -19,19 +20,31 @@ from hbbogie.once import Once
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
-RESTING = 1e-6  # share of the largest first harmonic up to which a coordinate does not set the phase
+LOPSIDED = 0.01  # mean and even harmonics, relative to the largest coefficient, beyond which an orbit is not odd
+RESTING = 1e-6  # smallest first harmonic, relative to the largest, with which a coordinate can set the phase
+
+
+class SolvesItself(Protocol):
+    """Equations of cycles that do not have the form F(z, p) = 0 of fixed size and bring their own solver."""
+
+    @property
+    def system(self) -> System:
+        """The system whose parameter values apply by default."""
+
+    def solve(self, guess: Orbit, **fixed: float) -> Orbit:
+        """Return the cycle near a guess at given parameter values."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Equations:
-    """Equations F(z, p) = 0, as many as unknowns z, with bounds, scales and a codec to and from `Orbit`.
+    """Equations F(z, p) = 0, as many as unknowns z, with bounds, scales and conversion to and from `Orbit`.
 
     Attributes
     ----------
     system : System
-        Whose parameter values hold wherever a solver is not told otherwise.
+        Its parameter values apply unless a solver is given others.
     method : str
-        What made them, for people.
+        Description of the method, for messages.
     residual : casadi.Function, (z, p) -> F, shape (m,)
     derivatives : callable
         Places of free parameters -> casadi.Function (z, p) -> (F, dF/d(z, p[free])), exact.
@@ -48,16 +61,18 @@ class Equations:
     unknowns, rows : tuple of str
         Labels of z and of F.
     lower, upper, scale : ndarray, shape (m,), unit of z
-        Bounds that keep the zero solution and runaways away; typical size of each unknown.
+        Bounds that exclude the zero solution and divergence; typical size of each unknown.
     residual_scale : ndarray, shape (m,), unit of F
     phase : int or None
         Coordinate whose sine coefficient of the first harmonic is zero; None for equilibria.
     cosines : dict of int to int
         Coordinates whose first harmonic is among the unknowns: the place in z of its cosine coefficient.
     with_phase : callable or None
-        (name of a coordinate, system) -> the equations with the phase set by that one; None where it was chosen.
+        (name of a coordinate, system) -> the equations with the phase set by that one; None if the user chose it.
+    with_even : callable or None
+        system -> the equations that also keep the even harmonics; None if these do, or if the user chose odd ones.
     once : Once
-        What is built once for these functions, shared by all equations that have them.
+        Store of objects built once for these functions, shared by all equations that have them.
     """
 
     system: System
@@ -78,6 +93,7 @@ class Equations:
     phase: int | None
     cosines: dict[int, int]
     with_phase: Callable[[str, System], Equations] | None = None
+    with_even: Callable[[System], Equations] | None = None
     once: Once = field(default_factory=Once, repr=False)
 
     @property
@@ -87,13 +103,22 @@ class Equations:
 
     @property
     def leading(self) -> int | None:
-        """Place in z of the cosine coefficient that is the first harmonic of the phase's coordinate, or None."""
+        """Place in z of the cosine coefficient of the first harmonic of the coordinate that sets the phase, or None."""
         return None if self.phase is None else self.cosines[self.phase]
 
     def phased(self, orbit: Orbit) -> Equations:
-        """Return the equations with the phase set by a coordinate that moves in an orbit; these where theirs moves."""
+        """Return the equations that suit an orbit; the same equations if they already do.
+
+        Their phase is set by a coordinate that moves in the orbit. An odd system may have cycles that are not odd, for
+        example about an equilibrium away from zero. For these the even harmonics are kept, unless the user chose odd
+        ones.
+        """
         names = self.system.coordinate_names
-        if self.phase is None or self.with_phase is None or orbit.H == 0 or orbit.coordinates != names:
+        if self.phase is None or orbit.H == 0 or orbit.coordinates != names:
+            return self
+        if self.with_even is not None and not fourier.is_odd(orbit.coefficients, LOPSIDED):
+            return self.with_even(self.system).phased(orbit)
+        if self.with_phase is None:
             return self
         sizes = np.hypot(*orbit.coefficients[1:3])
         largest = max(self.cosines, key=lambda i: float(sizes[i]))
@@ -105,7 +130,7 @@ class Equations:
         Raises
         ------
         ModelError
-            When the orbit belongs to other coordinates, or does not move where a cycle is asked for.
+            When the orbit belongs to other coordinates, or does not move although a cycle is required.
         """
         if orbit.coordinates != self.system.coordinate_names:
             raise ModelError(
@@ -123,7 +148,7 @@ class Equations:
         return self.from_coefficients(c, orbit.omega)
 
     def decode(self, z: Array, p: Array, status: str = "", F: Array | None = None) -> Orbit:
-        """Return the orbit of the unknowns z at the parameter vector p; ``F`` is the residual where it is known."""
+        """Return the orbit of the unknowns z at the parameter vector p; ``F`` is the residual if it is known."""
         system = self.system
         if F is None:
             F = self.residual(z, p).full().ravel()

@@ -1,8 +1,8 @@
-"""The equivalent linear system: a spring in place of each element, and where its eigenvalues are critical.
+"""The equivalent linear system: a spring in place of each element, and its critical parameter values.
 
-Each element is replaced by a spring of its describing function at an amplitude. At the critical value
-of a parameter a pair of eigenvalues of that linear system is purely imaginary, and the eigenvector
-gives the amplitudes of the elements' arguments.
+Each element is replaced by a spring whose stiffness is its describing function at an amplitude. At the critical value
+of a parameter, a pair of eigenvalues of that linear system is purely imaginary. The eigenvector gives the amplitudes of
+the elements' arguments.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-GRID = 81  # values of the parameter at which a critical one is looked for
+GRID = 81  # values of the parameter in the search for a critical one
 
 
 @dataclass(frozen=True, eq=False)
 class NeutralMode:
-    """Where a pair of eigenvalues of the equivalent linear system is purely imaginary.
+    """A purely imaginary pair of eigenvalues of the equivalent linear system.
 
     Attributes
     ----------
     value : float
-        Of the parameter.
+        Critical value of the parameter.
     omega : float, rad/s
     mode : ndarray of complex, shape (n,), unit of the coordinate
         Its phase and size are arbitrary.
@@ -59,14 +59,14 @@ class EquivalentSystem:
     Parameters
     ----------
     system : System
-        Odd, and linear but for its elements.
+        An odd system that is linear except for its elements.
     parameter : str
-        Name of the parameter whose critical value is asked for.
+        Name of the parameter whose critical value is to be found.
 
     Raises
     ------
     ModelError
-        When the system has no elements, another nonlinearity, or is not odd, or the parameter is an element's.
+        When the system has no elements or another nonlinearity, is not odd, or the parameter belongs to an element.
     """
 
     def __init__(self, system: System, parameter: str):
@@ -115,7 +115,7 @@ class EquivalentSystem:
         Raises
         ------
         ConvergenceError
-            When there is none near by.
+            When there is none nearby.
         """
         p, n, size = np.append(self.p, stiffness), self.system.n, self.linear.n_states
         near, scale = 1j * omega, abs(value)
@@ -178,7 +178,7 @@ class EquivalentSystem:
         Raises
         ------
         ConvergenceError
-            When it is lost on the way.
+            When the mode is lost on the way.
         """
         share, step = 0.0, 1.0
         while share < 1:

@@ -1,4 +1,4 @@
-"""Multi-harmonic balance: the cycle's Fourier coefficients and frequency as unknowns."""
+"""Multi-harmonic balance: the unknowns are the Fourier coefficients and the frequency of the cycle."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ class HarmonicBalance:
     harmonics : int
         Highest harmonic H; 0 gives the equations of the equilibria.
     samples : int, optional
-        Samples per period for nonlinear forces that are not piecewise linear. The default 16 (H + 1) is
-        free of aliasing for polynomial forces up to degree 15, and so is half of it up to degree 7.
+        Samples per period for nonlinear forces that are not piecewise linear. The default 16 (H + 1) is free of
+        aliasing for polynomial forces up to degree 15. Half as many are enough up to degree 7.
     odd : bool, optional
-        Keep the odd harmonics only. By default where the system is proved to be odd, for all parameter values;
-        True asks for it where it is odd at the present ones. Derivatives in the other parameters hold there, too; at
-        values that break the symmetry the equations are no longer those of its cycles.
+        Keep only the odd harmonics. By default this is done if the system is found to be odd for all parameter values.
+        With True, it is enough that the system is odd at its present values. Derivatives with respect to the other
+        parameters are still correct there, but at values that break the symmetry the equations no longer describe the
+        cycles.
     condense : bool
         Eliminate the coordinates that enter linearly, harmonic by harmonic (eq-condensation).
     contact : bool
@@ -42,8 +43,8 @@ class HarmonicBalance:
 
     Examples
     --------
-    Van der Pol's oscillator is odd, so that only odd harmonics are kept. The sine of the first one is zero, which
-    fixes the phase.
+    Van der Pol's oscillator is odd, so only odd harmonics are kept. The sine coefficient of the first one is zero,
+    which fixes the phase.
 
     >>> from hbbogie import load_problem
     >>> HarmonicBalance(3).equations(load_problem("van_der_pol").van_der_pol()).unknowns
@@ -70,7 +71,7 @@ class HarmonicBalance:
 
     @property
     def default_samples(self) -> int:
-        """Samples per period where none are asked for: 16 (H + 1)."""
+        """Default number of samples per period: 16 (H + 1)."""
         return 16 * (self.harmonics + 1)
 
     def kept(self, system: System) -> tuple[int, ...]:
@@ -103,7 +104,9 @@ class HarmonicBalance:
         kept = self.kept(system)
         assembly = system.once((self, kept), lambda: Assembly(self.layout(system, kept), system))
         found = make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
-        return found if self.phase else replace(found, with_phase=partial(_with_phase, self))
+        with_even = replace(self, odd=False).equations if self.odd is None and 0 not in kept else None
+        with_phase = None if self.phase else partial(_with_phase, self)
+        return replace(found, with_phase=with_phase, with_even=with_even)
 
 
 def _with_phase(method: HarmonicBalance, name: str, system: System) -> Equations:

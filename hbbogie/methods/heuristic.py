@@ -1,9 +1,9 @@
 """Heuristic stability of cycles found by equivalent linearisation (section 4.1 of the source).
 
-For one element after the other: walk a little up its amplitude. Its equivalent stiffness changes, and
-with it the critical value of the parameter. Where that moves to the stable side of the value run at,
-the oscillation decays and the amplitude falls back. A cycle is stable if every element says so. This
-is an argument about slowly varying amplitudes of one harmonic, no proof: Floquet multipliers judge.
+For each element in turn, increase its amplitude a little. Its equivalent stiffness changes, and with it the critical
+value of the parameter. If the actual value then lies on the stable side of the critical one, the oscillation decays and
+the amplitude falls back. A cycle is called stable if this holds for every element. This is an argument about slowly
+varying amplitudes of one harmonic and no proof. Use Floquet multipliers for a reliable verdict.
 
 References
 ----------
@@ -29,22 +29,22 @@ ANYWHERE = (-np.inf, np.inf)  # a guess replaces the interval
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """What one element says about the stability of a cycle.
+    """The verdict of one element on the stability of a cycle.
 
     Attributes
     ----------
     element : str
     amplitude : float, unit of the argument
-        At the cycle.
+        Amplitude of its argument on the cycle.
     slope : float, unit of the parameter per unit of the argument
-        Change of the critical value with the amplitude, at the cycle.
+        Derivative of the critical value with respect to the amplitude, at the cycle.
     verdict : {"stable", "unstable", "neutral"}
-        Neutral where the equivalent stiffness does not change: no contact.
+        Neutral if the equivalent stiffness does not change, because there is no contact.
     amplitudes : ndarray, shape (points,), unit of the argument
     stiffness : ndarray, shape (points,), unit of force per unit of the argument
         Equivalent stiffness at each amplitude.
     critical : ndarray, shape (points,), unit of the parameter
-        Critical value that belongs to each; NaN where there is none.
+        Critical value at each amplitude; NaN if there is none.
     """
 
     element: str
@@ -63,10 +63,10 @@ class HeuristicStability:
     Attributes
     ----------
     verdict : {"stable", "unstable", "unknown"}
-        Unknown where every element is neutral.
+        Unknown if every element is neutral.
     parameter : str
     value : float
-        Value of the parameter run at.
+        Actual value of the parameter.
     components : tuple of Component
     others : {"follow", "held"}
     reason : str
@@ -95,17 +95,17 @@ def heuristic_stability(
     Parameters
     ----------
     system : System
-        The one the cycle belongs to.
+        The system to which the cycle belongs.
     cycle : Compatible
         As returned by `compatible`.
     others : {"follow", "held"}
-        What the amplitudes of the other elements do meanwhile: stay compatible, or stay as they are.
+        Whether the amplitudes of the other elements remain compatible or remain fixed.
     step : float
-        The little walk up, relative to the amplitude.
+        Increase of the amplitude, relative to the amplitude.
     span : (float, float)
         Range of the curves, relative to the amplitude, about 1.
     points : int
-        Number of their points.
+        Number of points on the curves.
 
     Returns
     -------
@@ -118,9 +118,9 @@ def heuristic_stability(
 
     Notes
     -----
-    Held amplitudes leave out how the elements act on each other. For Yang's bogie they say "unstable"
-    at every cycle: a stiffer front flange alone always lowers the critical speed. Amplitudes that follow
-    give both wheelsets one verdict, whether the speed falls or rises along the branch.
+    Held amplitudes neglect the interaction of the elements. For Yang's bogie they give "unstable" for every cycle,
+    because a stiffer front flange alone always lowers the critical speed. Amplitudes that follow give both wheelsets
+    the same verdict, which depends on whether the speed falls or rises along the branch.
     """
     if others not in ("follow", "held"):
         raise ModelError(f"heuristic_stability: {unknown_name('others', others, ('follow', 'held'))}")
@@ -147,7 +147,7 @@ def heuristic_stability(
 
 
 class _Walk:
-    """Critical values over the amplitude of one element, from a cycle on."""
+    """Critical values over the amplitude of one element, starting at a cycle."""
 
     def __init__(self, equivalent: EquivalentSystem, cycle: Compatible, held: bool):
         self.equivalent, self.cycle, self.held = equivalent, cycle, held
@@ -161,7 +161,7 @@ class _Walk:
         return self.equivalent.stiffness(a)
 
     def critical(self, i: int, factors: Array | tuple[float, ...]) -> Array:
-        """Return the critical value at each factor of a walk that begins at 1; NaN from where it is lost."""
+        """Return the critical value at each factor, starting from 1; NaN beyond the factor at which it is lost."""
         values = np.full(len(factors), np.nan)
         known: NeutralMode = self.known
         orbit, before = self.cycle.orbit, self.stiffness(i, 1.0)

@@ -1,4 +1,4 @@
-"""The unknowns of harmonic balance: which coefficients of which coordinates, and in what order."""
+"""The unknowns of harmonic balance: which coefficients of which coordinates, in which order."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Layout:
     S : tuple of int
         Coordinates that are not condensed out.
     phase : int or None
-        Coordinate whose sine coefficient of harmonic 1 is zero and no unknown; None for equilibria.
+        Coordinate whose sine coefficient of harmonic 1 is zero and not an unknown; None for equilibria.
     samples : int
         Samples per period of the sampled forces.
     half : bool
-        Whether half a period stands for the whole: of odd harmonics, where the system is odd for all parameter values.
+        Whether half a period represents the whole: for odd harmonics, if the system is odd for all parameter values.
     parts : Parts
-        The system, taken apart.
+        The system divided into its parts.
     """
 
     n: int
@@ -53,7 +53,7 @@ class Layout:
 
     @property
     def odd(self) -> bool:
-        """Whether odd harmonics only are kept."""
+        """Whether only odd harmonics are kept."""
         return self.kept[0] != 0
 
     @property
@@ -73,7 +73,7 @@ class Layout:
 
     @cached_property
     def keep(self) -> NDArray[np.int_]:
-        """Places of the moving coefficients that are unknowns (all but the one that sets the phase)."""
+        """Places of the coefficients above harmonic 0 that are unknowns (all except the one that sets the phase)."""
         keep = np.ones(self.waves * len(self.S), dtype=bool)
         if self.phase is not None:
             keep[self.S.index(self.phase) * self.waves + 1] = False
@@ -121,7 +121,7 @@ def make_layout(
     ----------
     system : System
     parts : Parts
-        The system, taken apart.
+        The system divided into its parts.
     kept : tuple of int
         Harmonics kept.
     H : int

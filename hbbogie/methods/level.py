@@ -1,4 +1,4 @@
-"""Equations of cycles of one level of what their system conserves."""
+"""Equations of cycles with given values of the conserved quantities of their system."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ SAMPLES = 12
 
 
 def within_level(equations: Equations, orbit: Orbit) -> Equations:
-    """Return the equations whose solutions have the means of the conserved quantities that an orbit has.
+    """Return equations whose solutions have the same means of the conserved quantities as an orbit.
 
-    A conserved quantity makes one equation of the means follow from the others, so that cycles form families. The level
-    takes its place. Equations of systems that conserve nothing are returned as they are.
+    If a quantity is conserved, one equation of the means follows from the others, and cycles form families. That
+    equation is replaced by the value of the conserved quantity. Equations of systems that conserve nothing are returned
+    unchanged.
 
     Parameters
     ----------
     equations : Equations
     orbit : Orbit
-        Whose level is held, at its own parameter values.
+        The orbit that gives the values, at its own parameter values.
     """
     system = equations.system
     if equations.phase is None or orbit.coordinates != system.coordinate_names:
@@ -44,7 +45,7 @@ def within_level(equations: Equations, orbit: Orbit) -> Equations:
 
 
 def _dependent(equations: Equations, orbit: Orbit, count: int) -> NDArray[np.int_]:
-    """Return the places of as many equations of means that follow from the others, whatever the unknowns."""
+    """Return the places of ``count`` equations of means that follow from the others, whatever the unknowns."""
     means = np.array([i for i, row in enumerate(equations.rows) if row.endswith(", mean")], dtype=int)
     if not len(means):
         return means
@@ -66,7 +67,7 @@ def _dependent(equations: Equations, orbit: Orbit, count: int) -> NDArray[np.int
     if null.shape[1] < count:
         return means[:0]
     chosen: list[int] = []
-    for _ in range(count):  # those that take part most
+    for _ in range(count):  # the equations with the largest weights
         i = int(np.argmax(np.abs(null).max(axis=1)))
         chosen.append(i)
         j = int(np.argmax(np.abs(null[i])))
@@ -75,7 +76,7 @@ def _dependent(equations: Equations, orbit: Orbit, count: int) -> NDArray[np.int
 
 
 def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held: Array, size: Array) -> Equations:
-    """Return the equations with some replaced by the levels of conserved quantities, which are linear in the means."""
+    """Return the equations with some replaced by values of conserved quantities, which are linear in the means."""
     m, names = equations.size, equations.system.coordinate_names
     kept, slopes = np.ones(m), np.zeros((m, m))
     kept[places] = 0.0
@@ -102,7 +103,7 @@ def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held:
         return once(("derivatives", free), build)
 
     def pulled(key: object, function: Callable[[], ca.Function], output: str) -> ca.Function:
-        """Return a function of the multipliers that the level, being linear, adds nothing to."""
+        """Return a function of the multipliers, to which the added linear equations contribute nothing."""
         inputs = [z, p, multipliers]
         names = ["z", "p", "multipliers"]
         return once(key, lambda: ca.Function(output, inputs, [function()(z, p, kept * multipliers)], names, [output]))

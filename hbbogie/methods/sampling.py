@@ -1,4 +1,4 @@
-"""Forces that are sampled: alternate between frequency and time, with exact derivatives (eq-aft)."""
+"""Sampled forces: alternating between frequency and time, with exact derivatives (eq-aft)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Sampling:
         layout = self.layout
         X, mean, omega = layout.unpack(z)
         N = layout.samples if layout.moving else 1
-        tau = fourier.phases(N)[: N // 2 if layout.half else N]  # an odd force repeats itself with the other sign
+        tau = fourier.phases(N)[: N // 2 if layout.half else N]  # an odd force repeats itself with the opposite sign
         states = []
         for d in range(3):
             x = ca.MX.zeros(layout.n, len(tau))
@@ -44,7 +44,7 @@ class Sampling:
         return states, tau
 
     def interval(self, z: ca.MX) -> ca.MX:
-        """Return the time between samples [s], over which jumps are spread."""
+        """Return the time between samples [s], which is also the time over which jumps are spread."""
         return 2 * np.pi / (self.layout.samples * self.layout.unpack(z)[2]) if self.layout.moving else ca.MX(0)
 
     def projection(self, count: int) -> ca.DM:
@@ -56,7 +56,7 @@ class Sampling:
         return ca.DM(A * (self.layout.samples / count))
 
     def coefficients(self, z: ca.MX, p: ca.MX) -> ca.MX:
-        """Alternate between frequency and time: evaluate at equidistant samples, project back (eq-aft)."""
+        """Alternate between frequency and time: evaluate at equidistant samples and project back (eq-aft)."""
         rows = self.layout.parts.remainder_rows
         if not rows:
             return ca.MX(0, 0)
@@ -67,9 +67,9 @@ class Sampling:
     def jacobian(self, z: ca.MX, p: ca.MX, free: Sequence[int]) -> ca.MX:
         """Return the derivative of vec(`coefficients`) with respect to (z, p[free]).
 
-        A slope times a signal has as its coefficients a Toeplitz-plus-Hankel matrix of the slope's moments
-        times those of the signal, exactly so for sums over the samples as well. Jumps are straight lines over the
-        time between samples, which the frequency changes.
+        The coefficients of a slope times a signal are a Toeplitz-plus-Hankel matrix of the slope's moments times the
+        coefficients of the signal. This also holds exactly for sums over samples. Jumps are straight lines over the
+        time between samples, which depends on the frequency.
         """
         layout, parts = self.layout, self.layout.parts
         rows, (X, _, omega), (states, tau) = parts.remainder_rows, layout.unpack(z), self.states(z)

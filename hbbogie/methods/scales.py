@@ -1,4 +1,4 @@
-"""The waist of the balance methods: their functions with labels, bounds and scales."""
+"""The equations of the balance methods: their functions with labels, bounds and scales."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
     system : System
     assembly : Assembly
     method : str
-        What made them, for people.
+        Description of the method, for messages.
     """
     layout, p = assembly.layout, system.vector()
     omega = frequency_scale(system, p)
-    size, omega = _amplitude_scale(layout.parts, p, omega), omega if layout.moving else 0.0
+    size, omega = amplitude_scale(layout.parts, p, omega), omega if layout.moving else 0.0
     scale = np.full(layout.size, size)
     lower, upper = -LARGEST * scale, LARGEST * scale
     if layout.phase is not None:
@@ -75,11 +75,11 @@ def _labels(system: System, layout: Layout, which: Sequence[int], kind: str) -> 
     return (*moving, *means, *(["omega"] if kind == "unknown" and layout.moving else []))
 
 
-def _amplitude_scale(parts: Parts, p: Array, omega: float) -> float:
-    """Return a typical amplitude: the smallest gap of the contact elements, else where a smooth force bends.
+def amplitude_scale(parts: Parts, p: Array, omega: float) -> float:
+    """Return a typical amplitude: the smallest gap of the contact elements, or where a smooth force becomes nonlinear.
 
-    That is the power of ten nearest to the amplitude at which the nonlinear part of an equation is half as large as
-    the linear one, all coordinates moving alike at the frequency omega; 1 where it never is.
+    The latter is the power of ten nearest to the amplitude at which the nonlinear part of an equation is half as large
+    as the linear one, with all coordinates moving alike at the frequency omega. It is 1 if there is no such amplitude.
     """
     thresholds = [np.abs(e.gaps(p)) for e in parts.contacts]
     gaps = [g for t in thresholds for g in t if 0 < g < np.inf]

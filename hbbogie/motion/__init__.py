@@ -1,6 +1,6 @@
-"""Motion in time: integration, what a motion settles on, and slowly changing parameters.
+"""Motion in time: integration, the state to which a motion settles, and slowly changing parameters.
 
-A `System` and a start go in; a `Trajectory` comes out, and from its last period an `Orbit`.
+A `System` and a start go in. A `Trajectory` comes out, whose last period can be turned into an `Orbit`.
 """
 
 import lazy_loader

@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 Initial = Mapping[str, float] | Orbit | Trajectory
 
 METHODS = ("rk4", "cvodes")
-# samples in one call of a built function; a longer run calls it again, so that nothing grows with it
+# samples in one call of a built function; longer runs call it repeatedly, so its size does not grow with the duration
 BLOCKS = (500, 100, 20, 4, 1)
-LONGEST_STEP = 1e-3  # s; where none is asked for
+LONGEST_STEP = 1e-3  # s; longest default step
 MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the memory of a laptop
-NEWTON_STEPS = 3  # for the time of a jump inside a step, from that of a straight line
-BRIEF = 2000  # steps between two samples of a motion that is only looked at
-TOO_LARGE = 1e12  # a state beyond this has left every physical model
+NEWTON_STEPS = 3  # Newton steps for the time of a jump inside a step, starting from linear interpolation
+BRIEF = 2000  # largest number of CVODES steps between two samples in `states_after`
+TOO_LARGE = 1e12  # no state of a physical model is larger
 
 
 def simulate(
@@ -43,15 +43,15 @@ def simulate(
     ----------
     system : System
     initial : mapping, Orbit or Trajectory
-        Where the motion starts. A mapping gives values by name: ``{"q1": 0.03, "q1'": 0.1}`` sets the
-        coordinate q1 and, with a prime, its velocity; what is not named is zero. Of an orbit the state at
-        t = 0 is taken, of a trajectory the last state and time; their parameter values are not.
+        Where the motion starts. A mapping gives values by name: ``{"q1": 0.03, "q1'": 0.1}`` sets the coordinate q1
+        and, with a prime, its velocity. Everything not named is zero. An orbit gives its state at t = 0, and a
+        trajectory its last state and time. Their parameter values are not used.
     duration : float, s
     method : {"rk4", "cvodes"}
         Classical Runge-Kutta with fixed step, or the variable-step multistep integrator of SUNDIALS.
     step : float, s
-        Distance of the samples; with "rk4" also the step. Where left out 1 ms, or less where the fastest motion near
-        rest asks for it (`default_step`). It is shortened so that the duration is a whole number of steps.
+        Time between samples, and with "rk4" also the integration step. By default 1 ms, or less if the fastest motion
+        near rest requires it (`default_step`). It is shortened so that the duration is a whole number of steps.
     tolerance : float
         Relative tolerance of "cvodes"; the absolute tolerance is a thousandth of it.
     **parameters : float
@@ -71,11 +71,11 @@ def simulate(
 
     Notes
     -----
-    A contact of a continuous element is not located. "rk4" runs over it and loses order there: the
-    error of a step that contains a contact is proportional to the cube of the step. "cvodes" is kept from
-    stepping over a short contact by a largest step of one sample distance, and its error control refines
-    the step at the kink. Where an element jumps, "rk4" divides the step and keeps its order; of two jumps within one
-    step the first is located. A motion that sticks where an element jumps trembles about it from step to step.
+    Contacts of continuous elements are not located. "rk4" steps across them and loses order there: the error of a step
+    that contains a contact is proportional to the cube of the step. The steps of "cvodes" are at most as long as the
+    time between samples, so that it does not step over a short contact, and its error control refines the step at the
+    kink. Where an element jumps, "rk4" divides the step and keeps its order. If two jumps fall into one step, only the
+    first is located. A motion that sticks at a jump chatters about it from step to step.
     """
     if method not in METHODS:
         raise ModelError(unknown_name("integration method", str(method), METHODS))
@@ -88,14 +88,14 @@ def simulate(
     if count > MOST_STEPS:
         raise ModelError(
             f"duration {duration:g} s with step {step:g} s makes {count:.3g} samples; allowed are {MOST_STEPS:.0e}. "
-            "Give a shorter duration or a longer step, or go on from the last state in a second call."
+            "Give a shorter duration or a longer step, or continue from the last state in a second call."
         )
     h = duration / count
     states = np.empty((count + 1, system.n_states))
     states[0] = x
     k = 0
     while k < count:
-        # a fixed step may run beyond the end and be cut; CVODES must not, for it fails where a motion ends
+        # a fixed step may run beyond the end and be cut off; CVODES may not, because it fails where a motion blows up
         size = BLOCKS[0] if method == "rk4" else next(b for b in BLOCKS if b <= count - k)
         block = _advance(system, method, tolerance, size, states[k], p, h, start + k * h)[: count - k]
         _check_finite(system, block, method, h, start + k * h)
@@ -115,10 +115,10 @@ def simulate(
 
 
 def default_step(system: System, p: Array) -> float:
-    """Return the step [s] that follows the fastest motion near rest at parameters p, at most 1 ms.
+    """Return the step [s] that resolves the fastest motion near rest at parameters p, at most 1 ms.
 
-    A hundredth of the shortest period, and the inverse of the largest eigenvalue, well inside the stability limit of
-    the Runge-Kutta method (2.8 of it).
+    The step is at most a hundredth of the shortest period and at most the inverse of the largest eigenvalue. The
+    stability limit of the Runge-Kutta method is 2.8 times this inverse.
     """
     A = system.ode_jacobian(np.zeros(system.n_states), p).full()
     if not np.isfinite(A).all():
@@ -129,7 +129,7 @@ def default_step(system: System, p: Array) -> float:
 
 
 def initial_state(system: System, initial: Initial) -> tuple[float, Array]:
-    """Return the time and the state, shape (n_states,), a motion starts from."""
+    """Return the time and the state, shape (n_states,), from which a motion starts."""
     n, second = system.n, [i for i, s in enumerate(system.second_order) if s]
     if isinstance(initial, Orbit | Trajectory):
         if initial.coordinates != system.coordinate_names:
@@ -220,7 +220,7 @@ def _runge_kutta(system: System, size: int) -> ca.Function:
 
 
 def _located(system: System) -> ca.Function:
-    """Return (x, p, h) -> the state after a step that is divided where an element jumps, the first one that does."""
+    """Return (x, p, h) -> the state after a step that is divided at its first jump of an element."""
     field, depths = _held(system)
     n, m = system.n_states, depths.size1_out(0)
     sx = [ca.SX.sym("x", n), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h"), ca.SX.sym("on", m)]
@@ -246,7 +246,7 @@ def _located(system: System) -> ca.Function:
         ca.Function("undivided", [*sx, end, then], [end]),
     )
     X, P, step = ca.MX.sym("x", n), ca.MX.sym("p", len(system.parameters)), ca.MX.sym("h")
-    # the value of the depths does not depend on what is on, but for rates in the place of states
+    # the depths do not depend on which ramps are on, unless an argument contains rates instead of states
     now = depths(X, 0, P) > 0
     after = whole(X, P, step, now)
     beyond = depths(after, now, P) > 0
@@ -254,9 +254,9 @@ def _located(system: System) -> ca.Function:
 
 
 def _held(system: System) -> tuple[ca.Function, ca.Function]:
-    """Return functions of (x, on, p): dx/dt, and how far the argument of each ramp is beyond its beginning.
+    """Return functions of (x, on, p): dx/dt, and how far the argument of each ramp is beyond its threshold.
 
-    The ramps are those of the elements that jump; ``on`` holds each on (1) or off (0), whatever its argument.
+    The ramps are those of the elements that jump. ``on`` switches each on (1) or off (0), whatever its argument.
     """
     n = system.n
     q, v, a, p = (ca.SX.sym(s, k) for s, k in zip("qvap", (n, n, n, len(system.parameters)), strict=True))
@@ -280,7 +280,7 @@ def _held(system: System) -> tuple[ca.Function, ca.Function]:
 
 
 def _cvodes(system: System, tolerance: float, size: int, most: int = 100_000) -> ca.Function:
-    """Return CVODES over a number of samples; its time counts samples of h [s], its first parameter."""
+    """Return CVODES over a number of samples; its unit of time is h [s], its first parameter."""
     x, p, h = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters)), ca.SX.sym("h")
     problem = {"x": x, "p": ca.vertcat(h, p), "ode": h * system.ode(x, p)}
     options = {
@@ -295,7 +295,7 @@ def _cvodes(system: System, tolerance: float, size: int, most: int = 100_000) ->
 
 
 def _check_finite(system: System, states: Array, method: str, h: float, t: float) -> None:
-    """Raise `ConvergenceError` when a state, shape (N, n_states), is not a number or absurdly large."""
+    """Raise `ConvergenceError` when a state, shape (N, n_states), is not a number or unreasonably large."""
     good = np.abs(states) < TOO_LARGE  # False for NaN too
     if good.all():
         return
@@ -315,7 +315,7 @@ def _check_finite(system: System, states: Array, method: str, h: float, t: float
 
 
 def velocities(system: System, states: Array, p: Array) -> Array:
-    """Return the velocities at the states, shape (N, n); of first-order coordinates by their equations."""
+    """Return the velocities at the states, shape (N, n); first-order coordinates get theirs from their equations."""
     second = np.array(system.second_order)
     v = np.empty((len(states), system.n))
     v[:, second] = states[:, system.n :]

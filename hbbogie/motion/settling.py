@@ -1,4 +1,4 @@
-"""Where a motion settles: on a cycle, at rest, or undecided; the last period as an orbit."""
+"""Where a motion settles: to a cycle, to rest, or undecided; and its last period as an orbit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hbbogie.results import Orbit, Trajectory
 
 Array = NDArray[np.float64]
 
-BESIDE = 0.1  # of the range: so far from the mean are periods marked where elements jump, as they may at the mean
+BESIDE = 0.1  # if elements jump, maybe at the mean, periods are marked this far from it, relative to the range
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,13 +27,13 @@ class Settled:
     ----------
     kind : {"cycle", "rest", "undecided"}
     omega : float, rad/s
-        Frequency of the cycle; NaN where there is none.
+        Frequency of the cycle; NaN if there is none.
     amplitudes : dict
-        Largest absolute value of each coordinate over the last period; without a cycle over the last stretch.
+        Largest absolute value of each coordinate over the last period, or over the last stretch if there is no cycle.
     trajectory : Trajectory
-        The last stretch of the motion; of a cycle its last periods.
+        The last stretch of the motion; for a cycle, its last periods.
     status : str
-        How it was decided, a sentence.
+        A sentence on how it was decided.
     """
 
     kind: str
@@ -55,7 +55,7 @@ def settle(
     step: float | None = None,
     **parameters: float,
 ) -> Settled:
-    """Integrate until the motion is periodic or at rest, or the time is over.
+    """Integrate until the motion is periodic or at rest, or until the time is over.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def settle(
     initial : mapping, Orbit or Trajectory
         As in `simulate`.
     coordinate : str
-        Its upward crossings of its mean mark the periods, or of a level beside it where elements jump; the first
-        nonlinear coordinate where left out.
+        The coordinate whose upward crossings of its mean mark the periods. If elements jump, a level beside the mean is
+        taken. By default the first nonlinear coordinate.
     tolerance : float
         Distance from the limit at which the motion counts as settled, relative to the range of the motion.
     chunk : float, s
-        Integrated between two looks at the motion; lengthened when it holds too few periods.
+        Time between two checks of the motion. It is lengthened if it contains too few periods.
     longest : float, s
         The motion is "undecided" when it has not settled by then.
     method, step, **parameters
@@ -85,16 +85,16 @@ def settle(
 
     Notes
     -----
-    *Cycle.* Near a weakly attracting cycle successive changes are small long before the limit is near.
-    Positions, speed and period at the crossings of the second half of the motion are averaged in four
-    blocks. With D the last change between blocks and R < 1 the largest ratio of successive changes,
-    D R / (1 - R) is what is still to come. It must be within the tolerance, or the changes must be a third
-    of it and not add up: where contacts fall between the samples, crossings scatter without drifting.
-    A scatter beyond a thousandth of the range is not called a cycle (it may be a torus).
+    *Cycle.* Near a weakly attracting cycle successive changes are small long before the limit is reached. Positions,
+    speed and period at the crossings of the second half of the motion are therefore averaged in four blocks. With D the
+    last change between blocks and R < 1 the largest ratio of successive changes, D R / (1 - R) is the change still to
+    come. Either it must be within the tolerance, or the changes must be below a third of the tolerance and show no
+    trend. The latter is the case if contacts fall between the samples, so that crossings scatter without drifting. A
+    motion whose crossings scatter by more than a thousandth of the range is not called a cycle (it may be a torus).
 
-    *Rest.* Every state's range has fallen to the tolerance, relative to its largest; or the motion decays
-    at the rate and the frequency of the least damped eigenvalue of the linearised system, which says that
-    nothing nonlinear is left to stop it.
+    *Rest.* Either the range of every state has fallen to the tolerance, relative to its largest value, or the motion
+    decays at the rate and the frequency of the least damped eigenvalue of the linearised system. In the latter case
+    nothing nonlinear is left to stop the decay.
     """
     names = system.nonlinear_coordinates or system.coordinate_names
     watch = _Watch(system, coordinate if coordinate is not None else names[0], tolerance, parameters)
@@ -103,7 +103,7 @@ def settle(
     elapsed, state = 0.0, initial
     while True:
         remaining = longest - elapsed
-        length = remaining if remaining < 1.5 * chunk else chunk  # no last piece too short to hold a period
+        length = remaining if remaining < 1.5 * chunk else chunk  # no last piece shorter than a period
         piece = simulate(system, state, length, method=method, step=step, **parameters)
         elapsed, state = elapsed + length, piece
         kind, why = watch.judge(piece)
@@ -111,7 +111,7 @@ def settle(
             break
         if watch.seen < 4 * watch.turns:
             chunk *= 2
-    if kind == "cycle" and piece.t[-1] - piece.t[0] < 2.5 * watch.period:  # too short to hold a whole one
+    if kind == "cycle" and piece.t[-1] - piece.t[0] < 2.5 * watch.period:  # too short to contain a whole period
         piece = simulate(system, piece, 2.5 * watch.period, method=method, step=step, **parameters)
     since = piece.t[-1] - watch.period if kind == "cycle" else None
     amplitudes = {c: piece.amplitude(c, since=since) for c in piece.coordinates}
@@ -127,7 +127,7 @@ def settle(
 
 
 class _Watch:
-    """The upward crossings of a motion that comes in pieces, and the judgement whether it has settled."""
+    """The upward crossings of a motion that arrives in pieces, and the decision whether it has settled."""
 
     def __init__(self, system: System, coordinate: str, tolerance: float, parameters: Mapping[str, float]):
         self.i, self.name = system.index(coordinate), coordinate
@@ -140,10 +140,10 @@ class _Watch:
         self.largest = np.zeros(2 * system.n)
 
     def judge(self, piece: Trajectory) -> tuple[str, str]:
-        """Take the next piece of the motion in; return "cycle", "rest" or "undecided", and why."""
+        """Add the next piece of the motion; return "cycle", "rest" or "undecided", and the reason."""
         ranges = np.ptp(np.hstack([piece.q, piece.v]), axis=0)
         self.largest = np.maximum(self.largest, ranges)
-        floor = 1e-13 * self.largest.max()  # what never moves but for rounding
+        floor = 1e-13 * self.largest.max()  # a state that moves only by rounding
         if (ranges <= np.maximum(self.tolerance * self.largest, floor)).all():
             return "rest", f"every state's range has fallen to {self.tolerance:g} of its largest"
         self._collect(piece, ranges[self.i])
@@ -153,7 +153,7 @@ class _Watch:
         return self._converged(np.maximum(ranges, 1e-9 * ranges.max())[[*range(n), n + self.i]])
 
     def _collect(self, piece: Trajectory, span: float) -> None:
-        """Add the crossings of the piece; begin anew when their level has moved by a twentieth of the range."""
+        """Add the crossings of the piece; start again if their level has moved by a twentieth of the range."""
         last = piece.crossings(self.name)[-2:]
         cycle = piece.at(np.linspace(last[0], last[1], 256, endpoint=False))[0] if len(last) == 2 else piece.q
         level = float(cycle[:, self.i].mean()) + self.beside * span
@@ -179,7 +179,7 @@ class _Watch:
         return bool(mode.real < 0 and close.all() and (np.abs(omega - abs(mode.imag)) < 1e-3 * omega).all())
 
     def _converged(self, scale: Array) -> tuple[str, str]:
-        """Judge the second half of the crossings; scale, shape (n + 1,), holds the range of their columns."""
+        """Judge the second half of the crossings; scale, shape (n + 1,), contains the range of their columns."""
         self.turns = m = Trajectory.recurrence(self.states / scale) if len(self.times) > 1 else 1
         L = m * (max(0, len(self.times) - m) // (8 * m))
         if L == 0 or self.seen <= 2 * m:
@@ -194,12 +194,12 @@ class _Watch:
         scatter = float(np.abs(rows[-2 * L :] - rows[-2 * L - m : -m]).max())
         repeat = f"crossings repeat to {scatter:.1g} of the range"
         if scatter < 1e-3 and max(left, change[2]) < self.tolerance:
-            return "cycle", f"by extrapolation {left:.1g} of the range from the limit, {repeat}"
+            return "cycle", f"by extrapolation {left:.1g} of the range away from the limit, and {repeat}"
         drifts = np.abs(blocks[3] - blocks[0]).max() > 1.2 * change.max()
         small = self.tolerance / (3 if 3 * m <= L else 100)
         if scatter < 1e-3 and change.max() < small and not drifts:
             return "cycle", f"{repeat} and do not drift"
-        trend = f"are by extrapolation {left:.1g} from the limit" if ratio < 1 else "do not come closer"
+        trend = f"are by extrapolation {left:.1g} of it away from the limit" if ratio < 1 else "do not come closer"
         return "undecided", f"successive crossings differ by {scatter:.1g} of the range and {trend}"
 
 
@@ -214,18 +214,18 @@ def last_orbit(system: System, trajectory: Trajectory, H: int, coordinate: str |
     H : int
         Highest harmonic.
     coordinate : str, optional
-        Whose crossings mark the period; the first nonlinear one where left out.
+        The coordinate whose crossings mark the period; by default the first nonlinear one.
 
     Returns
     -------
     Orbit
-        With the time origin where the first harmonic of that coordinate has its peak; its
-        `residual` is the largest distance between both ends of the period, relative to the range.
+        The time origin is where the first harmonic of that coordinate has its peak. The `residual` is the largest
+        distance between both ends of the period, relative to the range.
 
     Raises
     ------
     ModelError
-        When the motion holds no whole period, or H is no whole number above 0.
+        When the motion contains no whole period, or H is not a whole number above 0.
     """
     if int(H) != H or H < 1:
         raise ModelError(f"highest harmonic H: got {H!r}; give a whole number, 1 or more.")

@@ -1,4 +1,4 @@
-"""Motions in time while a parameter changes at a constant rate, and where they turn."""
+"""Motions in time while a parameter changes at a constant rate, and their turning points."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def simulate_ramp(
     parameter : str
         Its value is value + rate t.
     rate : float, unit of the parameter per second
-        Negative to fall; with 0 the motion is that of `simulate`.
+        Negative for a falling parameter. With 0 the motion is that of `simulate`.
     step : float, s
-        Of the classical Runge-Kutta method, shortened so that the duration is a whole number of steps. The parameter
-        has its own value at every stage of a step (eq-drift). As by `simulate` where left out.
+        Step of the classical Runge-Kutta method, shortened so that the duration is a whole number of steps. The
+        parameter has its own value at every stage of a step (eq-drift). The default is that of `simulate`.
     **parameters : float
-        Parameter values, by name; that of the changing one is the value at t = 0.
+        Parameter values, by name. For the changing parameter this is the value at t = 0.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def simulate_ramp(
     Raises
     ------
     ModelError
-        For wrong names or values, or when the parameter leaves its bounds.
+        For invalid names or values, or when the parameter leaves its bounds.
     ConvergenceError
         When the motion blows up.
     """
@@ -103,11 +103,11 @@ def simulate_ramp(
 
 
 def _runge_kutta(system: System, place: int) -> ca.Function:
-    """Return (x, values, p, h, rate) -> states after 1 ... BLOCK steps that begin at these values of a parameter."""
+    """Return (x, values, p, h, rate) -> states after 1 ... BLOCK steps that begin at the given parameter values."""
     n, x, p = system.n_states, ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
     value, h, rate = (ca.SX.sym(name) for name in ("value", "h", "rate"))
 
-    def drifting(y: ca.SX) -> ca.SX:  # eq-drift: the value is one more state
+    def drifting(y: ca.SX) -> ca.SX:  # eq-drift: the value is an additional state
         at = [y[n] if i == place else p[i] for i in range(p.numel())]
         return ca.vertcat(system.ode(y[:n], ca.vertcat(*at)), rate)
 
@@ -117,7 +117,7 @@ def _runge_kutta(system: System, place: int) -> ca.Function:
 
 
 def turning_points(motion: Trajectory, name: str, rest: float = 0.0) -> tuple[Array, Array]:
-    """Return when a coordinate turns, and how far from rest.
+    """Return when a coordinate turns, and its distance from rest at these times.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def turning_points(motion: Trajectory, name: str, rest: float = 0.0) -> tuple[Ar
     Returns
     -------
     times, peaks : ndarray, shape (k,), s and unit of the coordinate
-        The larger of every two successive turning points, one of each side, and the time half-way between them.
+        The larger of every two successive turning points, which lie on either side, and the time midway between them.
     """
     i = motion.index(name)
     v = motion.v[:, i]

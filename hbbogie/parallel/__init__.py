@@ -1,6 +1,6 @@
-"""Work in several processes: how many, one thread of linear algebra in each, Ctrl-C, and limits of time.
+"""Work in several processes: their number, one thread of linear algebra in each, Ctrl-C, and time limits.
 
-Basins and studies hand calls to it and take results back. A worker ends with its parent.
+Basins and studies submit calls and receive results. A worker ends with its parent.
 """
 
 import lazy_loader

@@ -1,7 +1,8 @@
-"""One pool of worker processes for basins and studies: it can be told to stop, killed, and built anew."""
+"""A pool of worker processes for basins and studies, which can be stopped, killed and built anew."""
 
-# On the standard library: with pebble 5.2.3 a call whose process dies as it begins may never end (2 of 150 did not),
-# which hangs a study; with loky 3.7.0 a second Ctrl-C leaves processes behind, and a death fails all calls as here.
+# The pool is built on the standard library. With pebble 5.2.3, a call whose process dies as it begins may never end (2
+# of 150 did not), which hangs a study. With loky 3.7.0, a second Ctrl-C leaves processes behind, and the death of a
+# process fails all calls, as it does here.
 from __future__ import annotations
 
 import multiprocessing
@@ -21,28 +22,28 @@ GUARD = 'if __name__ == "__main__":'
 
 
 class Pool:
-    """Worker processes that do calls; when one of them dies, all calls in flight fail with `BrokenProcessPool`."""
+    """Worker processes for calls. When one of them dies, all running calls fail with `BrokenProcessPool`."""
 
     def __init__(self, count: int):
-        context = multiprocessing.get_context("spawn")  # a fork would copy the threads of BLAS in whatever state
+        context = multiprocessing.get_context("spawn")  # a fork would copy the threads of BLAS in an undefined state
         self.count, self._stop = count, context.Event()
         self._build = lambda: ProcessPoolExecutor(count, context, start_worker, (self._stop,))
         self._executor = self._build()
 
     def start(self) -> None:
-        """Start all processes; raise `ModelError` where they end at once."""
+        """Start all processes; raise `ModelError` if they end at once."""
         answers = [self.submit(os.getpid) for _ in range(self.count)]
         if isinstance(answers[0].exception(), BrokenProcessPool):
             raise ModelError(
-                "the worker processes end as soon as they start; see what they print above. In a script the call "
-                f"stands below: {GUARD}"
+                "the worker processes end as soon as they start; see their output above. In a script, put the call "
+                f"below: {GUARD}"
             )
 
     def submit(self, function: Callable[P, T], /, *args: P.args, **keywords: P.kwargs) -> Future[T]:
-        """Return the future of a call; that of a pool that has just broken says so.
+        """Return the future of a call. If the pool has just broken, the future reports this.
 
-        What a call needs goes with it: what is handed over at the start of a process blocks this one where that ends
-        before it has read.
+        The data of a call are sent with it. Data sent at the start of a process would block this process if the new
+        one ended before reading them.
         """
         try:
             with starting():
@@ -53,7 +54,7 @@ class Pool:
             return future
 
     def renew(self) -> None:
-        """Start other processes for those of a pool that broke; raise `ModelError` where they end at once."""
+        """Replace the processes of a pool that broke; raise `ModelError` if the new ones end at once."""
         self._executor.shutdown(wait=False, cancel_futures=True)
         self._executor = self._build()
         self.start()
@@ -74,12 +75,12 @@ class Pool:
 
 @contextmanager
 def worker_pool(count: int) -> Iterator[Pool]:
-    """Give a pool of processes that have started, each with one thread for linear algebra, and close it.
+    """Provide a pool of running processes, each with one thread for linear algebra, and close it at the end.
 
     Raises
     ------
     ModelError
-        Where the processes end as soon as they start, or this one is still importing its script.
+        When the processes end as soon as they start, or this process is still importing its script.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise ModelError(f"put the call below: {GUARD} (worker processes import the script).")

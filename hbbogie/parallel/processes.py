@@ -1,4 +1,4 @@
-"""Processes that work: how many, with one thread for linear algebra each, Ctrl-C, and limits of time."""
+"""Worker processes: their number, one thread for linear algebra in each, Ctrl-C, and time limits."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 INSIST = 1.0  # s after which a KeyboardInterrupt that was lost is raised again
-LOOK = 0.2  # s between two looks for Ctrl-C while waiting for other processes
+LOOK = 0.2  # s between two checks for Ctrl-C while waiting for other processes
 
 
 def cores() -> int:
-    """Return the number of cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Let processes started meanwhile use one thread for linear algebra each."""
+    """Limit processes started in this context to one thread for linear algebra each."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
@@ -35,20 +35,21 @@ def one_thread_each() -> Iterator[None]:
 
 @contextmanager
 def starting() -> Iterator[None]:
-    """Let processes started meanwhile not hear Ctrl-C, of which they would die in their imports; here it comes after.
+    """Block Ctrl-C in processes started in this context, since it would kill them during their imports.
 
-    They inherit that the signal is blocked, and call `start_worker` when they can.
+    The new processes inherit the blocked signal and call `start_worker` when they are ready. In this process, Ctrl-C is
+    delivered at the end of the context.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # when that starts it unblocks the signal
+    resource_tracker.ensure_running()  # starting later would unblock the signal
     held: list[int] = []
     before = signal.getsignal(signal.SIGINT)
     heard = before is not signal.SIG_IGN and threading.current_thread() is threading.main_thread()
-    if heard:  # another thread may take the signal, and an exception here would leave the executor's locks held
+    if heard:  # another thread may receive the signal, and an exception here would leave the executor's locks held
         signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -65,7 +66,7 @@ _stops: list[Any] = []  # in a worker process: the event at which it is to stop
 
 
 def start_worker(stop: Any) -> None:
-    """Prepare a worker process: it ends as soon as its parent does, and leaves Ctrl-C to that, which sets ``stop``."""
+    """Prepare a worker process: it ends with its parent, and leaves Ctrl-C to the parent, which sets ``stop``."""
     import multiprocessing
 
     _stops.append(stop)
@@ -76,7 +77,7 @@ def start_worker(stop: Any) -> None:
 
     def watch() -> None:
         if parent is not None:
-            parent.join()  # at once where the parent has ended before this worker has begun
+            parent.join()  # immediately if the parent has ended before this worker began
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -92,7 +93,7 @@ def _again(number: int, frame: object) -> None:
 
 
 def _insist() -> None:
-    """Raise `KeyboardInterrupt` again each second, in case it is lost; a limit of time that runs does as well."""
+    """Raise `KeyboardInterrupt` again each second, in case it is lost. A running time limit does this anyway."""
     if hasattr(signal, "setitimer") and not signal.getitimer(signal.ITIMER_REAL)[0]:
         signal.signal(signal.SIGALRM, _again)
         signal.setitimer(signal.ITIMER_REAL, INSIST, INSIST)
@@ -105,7 +106,7 @@ def _desist() -> None:
 
 
 class _Presses:
-    """Handler that counts how often Ctrl-C is pressed, and raises `KeyboardInterrupt` besides where that is asked."""
+    """Handler that counts how often Ctrl-C is pressed and, on request, also raises `KeyboardInterrupt`."""
 
     def __init__(self, pressed: list[int], raising: bool):
         self.pressed, self.raising = pressed, raising
@@ -119,12 +120,13 @@ class _Presses:
 
 @contextmanager
 def interruptions(raising: bool = False) -> Iterator[Callable[[], int]]:
-    """Count how often Ctrl-C is pressed, in place of `KeyboardInterrupt` at any moment, or besides it.
+    """Count how often Ctrl-C is pressed, instead of raising `KeyboardInterrupt` at any moment, or in addition to it.
 
-    Raised inside the machinery of an executor, or just before the block that cleans up, that exception leaves locks
-    held and processes running. Raised inside CasADi it may be lost, or become another one; hence the count, which goes
-    on from that of a block around this one, and hence it is raised again each second until this block ends. Outside
-    the main thread, where no signal arrives, and where Ctrl-C is ignored, the count stays zero.
+    If that exception is raised inside the machinery of an executor, or just before the block that cleans up, it leaves
+    locks held and processes running. Inside CasADi it may be lost or turn into another exception. For this reason
+    presses are counted, starting from the count of an enclosing block, and the exception is raised again each second
+    until this block ends. The count remains zero outside the main thread, where no signal arrives, and where Ctrl-C is
+    ignored.
 
     Parameters
     ----------
@@ -148,15 +150,15 @@ def interruptions(raising: bool = False) -> Iterator[Callable[[], int]]:
 
 
 class TimeLimit(BaseException):
-    """A limit of time is over; no `Exception`, so that no code on the way takes it for a failure of its own."""
+    """A time limit has passed. Not an `Exception`, so that no code in between mistakes it for a failure of its own."""
 
 
 @contextmanager
 def limited(seconds: float | None) -> Iterator[Callable[[], bool]]:
-    """Raise `TimeLimit` in what takes longer; give a function that tells whether that has happened.
+    """Raise `TimeLimit` in a block that takes longer; yield a function that tells whether this has happened.
 
-    It is raised where Python code runs or CasADi looks for interruptions, again each second for code that goes on.
-    Without effect on Windows, and outside the main thread of a process.
+    It is raised where Python code runs or CasADi checks for interruptions, and again each second if the code continues.
+    It has no effect on Windows and outside the main thread of a process.
     """
     here = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
     if seconds is None or not here:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -121,10 +122,16 @@ class Orbit:
             raise ModelError(f"orbit of {self.system!r}: {unknown_name('coordinate', coordinate, self.coordinates)}")
         return self.coordinates.index(coordinate)
 
+    @cached_property
+    def extremes(self) -> tuple[Array, Array]:
+        """Smallest and largest value of each coordinate over the period, each of shape (n,) [its unit]."""
+        return fourier.extremes(self.coefficients)
+
     def amplitude(self, coordinate: str) -> float:
         """Return the peak, the largest absolute value over the period, of a coordinate [its unit]."""
-        low, high = fourier.extremes(self.coefficients[:, [self.index(coordinate)]])
-        return float(max(-low[0], high[0]))
+        i = self.index(coordinate)
+        low, high = self.extremes
+        return float(max(-low[i], high[i]))
 
     def first_harmonic(self, coordinate: str) -> float:
         """Return the amplitude of the first harmonic of a coordinate [its unit]; 0 for an equilibrium."""

@@ -1,6 +1,6 @@
-"""Solving: Newton's method, one nonlinear program for IPOPT, and one engine for curves of solutions.
+"""Solving: Newton's method, one nonlinear program for IPOPT, and one algorithm for curves of solutions.
 
-`Equations` and a guess go in; an `Orbit` comes out, or an `Optimum` where something is minimised.
+`Equations` and a guess go in. An `Orbit` comes out, or an `Optimum` if something is minimised.
 """
 
 import lazy_loader

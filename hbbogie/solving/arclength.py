@@ -1,6 +1,6 @@
 """Curves of solutions of n equations in n + 1 unknowns, by predictor and corrector in scaled arclength.
 
-What a curve has to give is said in `hbbogie.solving.curve`.
+`hbbogie.solving.curve` describes what a curve has to provide.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from hbbogie.solving.newton import ROUND_OFF
 
 Array = NDArray[np.float64]
 ITERATIONS = 10
-FEW, MANY = 3, 6  # Newton iterations that lengthen and shorten the step
+FEW, MANY = 3, 6  # numbers of Newton iterations that lengthen and shorten the step
 WIDEST_TURN = 0.97  # cosine of the largest angle between successive tangents
-ASIDE = 1.1  # distance of a point found, in units of the step, beyond which it lies on another curve
-CAREFUL = 1e-3  # longest step that may lead to an end: longer ones may have jumped over what lies before it
-CROSSING = 1e-4  # longest step across a branch point: longer ones may have jumped to another curve
-CONTRACTION = 1.0  # of successive corrections in a step that is not short: those that grow lead to another curve
-FARTHEST = 2.0  # largest correction of an unknown, scaled: beyond lies another curve or nonsense
-ALIKE = 0.9  # cosine of the angle between the tangents up to which a curve may close
+ASIDE = 1.1  # distance of a new point, in units of the step, beyond which it lies on another curve
+CAREFUL = 1e-3  # longest step that may lead to an end, since a longer one may have jumped over other points
+CROSSING = 1e-4  # longest step across a branch point, since a longer one may have jumped to another curve
+CONTRACTION = 1.0  # largest ratio of successive corrections in a longer step; growing ones lead to another curve
+FARTHEST = 2.0  # largest scaled correction of an unknown; a larger one leads to another curve or diverges
+ALIKE = 0.9  # smallest cosine of the angle between the tangents where a curve closes
 
 
 def product(curve: Curve, a: Array, b: Array) -> float:
@@ -39,45 +39,45 @@ def distance(curve: Curve, a: Point, b: Point) -> float:
 
 
 def gap(curve: Curve, a: Point, b: Point) -> float:
-    """Return how far b lies from a, as the crow flies."""
+    """Return how far b lies from a, in a straight line."""
     chord = (b.u - a.u) / curve.scale
     return product(curve, chord, chord) ** 0.5
 
 
 def point_at(curve: Curve, u: Array, plane: Array) -> Point:
-    """Return the point at unknowns that solve the equations, its tangent on the positive side of a plane.
+    """Return the point at unknowns that solve the equations, with its tangent on the positive side of a plane.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        Where the plane holds the tangent, or there is more than one.
+        If the plane contains the tangent, or there is more than one tangent.
     """
     return _point(curve, u, plane, curve.linearise(u))
 
 
 def _point(curve: Curve, u: Array, plane: Array, line: Linearised) -> Point:
     t, sign = line.solve(plane, np.append(np.zeros(len(u) - 1), 1.0))
-    # the tangent lies on the positive side of the plane: as the last row it leaves the sign as it is
+    # as the last row, the tangent gives the same sign as the plane, since it is on its positive side
     return Point(u, t / product(curve, t, t) ** 0.5, line.residual, sign)
 
 
 def correct(curve: Curve, u: Array, plane: Array, contraction: float = np.inf) -> tuple[Point | None, int]:
-    """Newton's method in the plane through u across a vector.
+    """Newton's method in the plane through u that is normal to a vector.
 
     Parameters
     ----------
     curve : Curve
     u : ndarray, shape (n + 1,)
-        Where it begins.
+        The starting point.
     plane : ndarray, shape (n + 1,)
-        In scaled unknowns.
+        The normal vector, in scaled unknowns.
     contraction : float
-        Largest ratio of a correction to the one before.
+        Largest ratio of a correction to the previous one.
 
     Returns
     -------
     point : Point or None
-        With the tangent on the positive side of the plane; None where none is found.
+        With its tangent on the positive side of the plane; None if none is found.
     iterations : int
     """
     base, met, last = u, False, np.inf
@@ -90,7 +90,7 @@ def correct(curve: Curve, u: Array, plane: Array, contraction: float = np.inf) -
         try:
             if near and (met or error <= ROUND_OFF * curve.tolerance):
                 return _point(curve, u, plane, line), iteration
-            met = near  # one more step is cheap and leads to round-off
+            met = near  # one more step is cheap and reaches round-off
             step, _ = line.solve(plane, -np.append(line.residual, off))
         except np.linalg.LinAlgError:
             return None, iteration
@@ -102,9 +102,9 @@ def correct(curve: Curve, u: Array, plane: Array, contraction: float = np.inf) -
 
 
 def advance(curve: Curve, point: Point, length: float) -> tuple[Point | None, int]:
-    """Return the point at a distance along the tangent, its tangent in the same direction, and the iterations."""
+    """Return the point at a distance along the tangent, with the same direction, and the number of iterations."""
     start = point.u + length * curve.scale * point.tangent
-    # a short step leads to no other curve, however Newton's method gets along, as next to a kink
+    # a short step cannot lead to another curve, even if Newton's method converges slowly, as next to a kink
     return correct(curve, start, curve.weights * point.tangent, CONTRACTION if length > CAREFUL else np.inf)
 
 
@@ -120,16 +120,16 @@ def walk(
 ) -> tuple[list[Point], Ending]:
     """Follow a curve from a point in the direction of its tangent.
 
-    The sign of det [J; tangent] tells the curve from others near by: it changes at a branch point only. A step over
-    which it changes is halved, until it is too short for anything but a branch point.
+    The sign of det [J; tangent] distinguishes the curve from others nearby, since it changes only at branch points. A
+    step over which it changes is halved until it is so short that only a branch point can be the cause.
 
     Parameters
     ----------
     curve : Curve
     first : Point
     step, longest : float
-        First and longest step in scaled arclength. The first is lengthened where no shorter one leads anywhere, as
-        from a special point that is only nearly where branches cross.
+        First and longest step in scaled arclength. The first is lengthened if no shorter one succeeds, as from a
+        special point that is not exactly where branches cross.
     shortest : float
         Step at which the walk gives up.
     most : int
@@ -141,7 +141,7 @@ def walk(
     -------
     points : list of Point
     ending : Ending
-        Why it ends: that of the curve, or "closed", "stuck" or "points".
+        Why the walk ends: an ending of the curve, or "closed", "stuck" or "points".
     """
     points, length, least, before = [first], step, shortest, 0.0
     curve.settle(first.u)
@@ -185,10 +185,10 @@ def walk(
 
 
 def _refusal(curve: Curve, here: Point, there: Point, length: float) -> str:
-    """Return why a point is not taken for the next one, or nothing."""
+    """Return why a point is not accepted as the next one, or an empty text."""
     if product(curve, here.tangent, there.tangent) < WIDEST_TURN:
         return "the curve turns sharply there"
-    return "what is found there lies on another curve" if gap(curve, here, there) > ASIDE * length else ""
+    return "the point found there lies on another curve" if gap(curve, here, there) > ASIDE * length else ""
 
 
 def _closes(curve: Curve, points: Sequence[Point], there: Point) -> bool:
@@ -200,7 +200,7 @@ def _closes(curve: Curve, points: Sequence[Point], there: Point) -> bool:
 def landing(curve: Curve, here: Point, there: Point, index: int, value: float) -> Point | None:
     """Return the point between two others at which an unknown has a value.
 
-    None where it is not found, or is the first of the two.
+    None if it is not found, or is the first of the two.
     """
     share = (value - here.u[index]) / (there.u[index] - here.u[index])
     if not share > 1e-9:
@@ -225,10 +225,10 @@ def located(curve: Curve, a: Point, b: Point, test: Callable[[Point], float]) ->
     -------
     point : Point
     error : float
-        Length of arc by which the point may be off, by what is left of the function.
+        Possible error of the point in arclength, from the remaining value of the function.
 
-    Where the curve cannot be followed all the way, as next to a crossing branch, the nearest point found and the rest
-    of the bracket. None where nothing is found at all.
+    If the curve cannot be followed all the way, as next to a crossing branch, the result is the nearest point found and
+    the rest of the bracket. None if nothing is found at all.
     """
     curve.settle(a.u)
     whole = distance(curve, a, b)

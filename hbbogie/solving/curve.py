@@ -1,6 +1,6 @@
-"""What a curve of solutions has to give for `walk` to follow it: its equations, linearised, at a point.
+"""What a curve of solutions has to provide so that `walk` can follow it: its equations, linearised at a point.
 
-Where the derivative is a full matrix, `Dense` does the rest.
+If the derivative is a full matrix, `Dense` does the rest.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Linearised(Protocol):
         Raises
         ------
         numpy.linalg.LinAlgError
-            Where the matrix is singular.
+            If the matrix is singular.
         """
 
 
@@ -71,16 +71,16 @@ class Dense:
 
 
 class Curve(Protocol):
-    """A curve: implement these, and `walk` follows it.
+    """A curve of solutions. Implement these attributes and methods, and `walk` can follow it.
 
     Attributes
     ----------
     scale : ndarray, shape (n + 1,)
         Typical size of each unknown.
     weights : ndarray, shape (n + 1,)
-        Of the inner product: 1 for unknowns that count as distance, 0 for those that follow from them.
+        Weights of the inner product: 1 for unknowns that count in the distance, 0 for those that follow from them.
     window : dict of int to (float, float)
-        Where the walk ends: limits of some of the unknowns, by their place.
+        Limits of some of the unknowns, by their place, at which the walk ends.
     tolerance : float
         Largest scaled residual of a point.
     """
@@ -94,16 +94,16 @@ class Curve(Protocol):
         """Return the equations and their derivative at the unknowns."""
 
     def settle(self, u: Array) -> None:
-        """Take note of a new point of the curve, such as for a normalisation that moves along."""
+        """Take note of a new point of the curve, for example to update a normalisation."""
 
     def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
-        """Return why the curve, which has these points, ends before the next one, or None."""
+        """Return why a curve with these points ends before the next one, or None."""
 
     def at(self, index: int, value: float) -> Ending:
         """Return the ending at a limit of an unknown."""
 
     def where(self, u: Array) -> str:
-        """Return what tells people a place on the curve, such as ``V = 90``."""
+        """Return a description of a place on the curve for messages, such as ``V = 90``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,5 +133,5 @@ class Point:
         return float(np.abs(self.residual).max())
 
     def turned(self) -> Point:
-        """Return the point with the curve followed the other way."""
+        """Return the point with the tangent reversed."""
         return replace(self, tangent=-self.tangent, orientation=-self.orientation)

@@ -1,4 +1,4 @@
-"""A cycle as expressions of the unknowns, in which objectives and limits are written."""
+"""A cycle as expressions of the unknowns, for use in objectives and limits."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from hbbogie import fourier
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.equations import Equations
 
-SAMPLES = 64  # per period
+SAMPLES = 64  # samples per period
 
 
 class Cycle:
-    """A cycle as expressions of the unknowns, in which objectives and constraints are written.
+    """A cycle as expressions of the unknowns, for use in objectives and limits.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ class Cycle:
         return ca.sqrt(c[0] ** 2 + 0.5 * ca.sumsqr(c[1:]))
 
     def values(self, coordinate: str, samples: int = SAMPLES) -> ca.MX:
-        """Return a coordinate at equal distances over the period, shape (samples,) [its unit]."""
+        """Return a coordinate at equidistant times over the period, shape (samples,) [its unit]."""
         E = fourier.synthesis(self.H, fourier.phases(samples))
         return ca.mtimes(E, self.coefficients[:, self._system.index(coordinate)])
 
     def force(self, element: str, samples: int = SAMPLES) -> ca.MX:
-        """Return the force of an element at equal distances over the period, shape (samples,) [its unit]."""
+        """Return the force of an element at equidistant times over the period, shape (samples,) [its unit]."""
         names = [e.name for e in self._system.elements]
         if element not in names:
             raise ModelError(f"system {self._system.name!r}: {unknown_name('element', element, names)}")

@@ -1,4 +1,4 @@
-"""The equations of a cycle with conditions as a scaled root-finding problem, and Newton's method."""
+"""The equations of a cycle and further conditions as a scaled root-finding problem, and Newton's method."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
-ROUND_OFF = 1e-4  # share of the tolerance that needs no further step
+ROUND_OFF = 1e-4  # share of the tolerance below which no further step is needed
 NEWTON_ITERATIONS, HALVINGS = 20, 5
-FARTHEST = 100.0  # distance a free parameter may go, in units of its first value
+FARTHEST = 100.0  # largest value of a free parameter, in units of its first value
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What is solved for besides the cycle: free parameters and a prescribed first-harmonic amplitude.
+    """Conditions besides the equations of the cycle: free parameters and a prescribed first-harmonic amplitude.
 
     Attributes
     ----------
@@ -56,14 +56,14 @@ class Buffered:
 
 @dataclass(frozen=True)
 class Bound:
-    """A bound that an unknown has met.
+    """A bound that an unknown has reached.
 
     Attributes
     ----------
     place : int
-        Of the unknown.
+        Place of the unknown.
     name : str
-        The unknown's, for people.
+        Name of the unknown, for messages.
     side : {"lower", "upper"}
     """
 
@@ -76,18 +76,18 @@ class Bound:
 
 
 class Problem:
-    """The equations with their conditions as a scaled root-finding problem in y = (z, p[free]).
+    """The equations and conditions as a scaled root-finding problem in y = (z, p[free]).
 
     Parameters
     ----------
     equations : Equations
     conditions : Conditions
     p : ndarray, shape (number of parameters,)
-        Values of all parameters; those of the free ones are where the search begins.
+        Values of all parameters. The search begins at those of the free parameters.
     target : float, unit of the coordinate
         The prescribed first-harmonic amplitude.
     bounded : bool
-        Whether the free parameters keep to their bounds, and within `FARTHEST` of where the search begins; False where
+        Whether the free parameters are limited to their bounds and to `FARTHEST` times their first values. False if
         something else bounds them.
     """
 
@@ -105,7 +105,7 @@ class Problem:
         size = np.where(p[self.free] == 0, 1.0, np.abs(p[self.free]))
         self.scale = np.concatenate([equations.scale, size])
         low, high = np.full((2, len(self.free)), [[-np.inf], [np.inf]])
-        if bounded:  # a free parameter that goes on for ever is no answer either
+        if bounded:  # a free parameter that grows without limit is no solution either
             own = np.reshape([equations.system.parameters[i].bounds for i in self.free], (-1, 2))
             reach = FARTHEST * size
             low, high = np.maximum(own[:, 0], p[self.free] - reach), np.minimum(own[:, 1], p[self.free] + reach)
@@ -139,7 +139,7 @@ class Problem:
         return self.equations.decode(y[: self.equations.size], self.parameters(y), status)
 
     def violated(self, y: Array, slack: float = 0.0) -> list[Bound]:
-        """Return the bounds that unknowns lie on or beyond."""
+        """Return the bounds on or beyond which unknowns lie."""
         low, high = y <= self.lower + slack * self.scale, y >= self.upper - slack * self.scale
         names = [*self.equations.unknowns, *(self.equations.system.parameter_names[i] for i in self.free)]
         return [Bound(int(i), names[i], "lower" if low[i] else "upper") for i in np.flatnonzero(low | high)]
@@ -174,7 +174,7 @@ def newton(problem: Problem, y: Array, tolerance: float) -> tuple[Array, float, 
     for iteration in range(NEWTON_ITERATIONS):
         if (error <= tolerance and met) or error <= ROUND_OFF * tolerance or not np.isfinite(error):
             return y, error, iteration
-        met = error <= tolerance  # one more step is cheap and leads to round-off
+        met = error <= tolerance  # one more step is cheap and reaches round-off
         try:
             step = np.linalg.solve(J / problem.row_scale[:, None] * problem.scale, F / problem.row_scale)
         except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""Cycles that are best in some respect: a nonlinear program over a cycle and parameters, solved by IPOPT."""
+"""Optimal cycles: a nonlinear program over a cycle and parameters, solved by IPOPT."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from hbbogie.solving.expressions import CycleFunction, CycleLimit
 from hbbogie.solving.program import nonlinear_program
 
 Array = NDArray[np.float64]
-FARTHEST = 100.0  # distance a free parameter may go, in units of its first value
-REACH, SMALLEST, BOXES = 0.2, 1e-4, 60  # how far one solution may go, in units of the scales, and how often
-ACTIVE = 1e-6  # multiplier, scaled, from which a limit counts as active
+FARTHEST = 100.0  # largest value of a free parameter, in units of its first value
+REACH, SMALLEST, BOXES = 0.2, 1e-4, 60  # of boxes: size and smallest size, in units of the scales; number
+ACTIVE = 1e-6  # scaled multiplier above which a limit counts as active
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +35,10 @@ class Optimum:
     gradient : dict of float, unit of the objective per unit of the parameter
         Derivative of the value with respect to every parameter that is not free.
     multipliers : tuple of ndarray, unit of the objective per unit of the limited quantity
-        For every limit, one for each of its entries: by how much the value falls per unit by which the quantity may
-        be larger (negative where a lower limit holds).
+        For every limit, one multiplier for each of its entries: the decrease of the value per unit by which the limited
+        quantity may become larger (negative for an active lower limit).
     active : tuple of str
-        Limits and bounds that hold it, by their number or name.
+        Active limits and bounds, by their number or name.
     residual : float
         Largest scaled residual of the equations.
     iterations : int
@@ -72,14 +72,15 @@ def minimise(
     ----------
     equations : Equations
     guess : Orbit
-        Where the search begins, with the values of the free parameters.
+        The cycle, and the values of the free parameters, at which the search begins.
     free : sequence of str
-        Parameters that are unknowns; their bounds hold.
+        Parameters that are unknowns, within their bounds.
     objective : callable, Cycle -> scalar expression
     subject_to : sequence of (callable, lower, upper)
-        Cycle -> expression, scalar or vector, and its limits; None for no limit.
+        Cycle -> expression, scalar or vector, and its limits; None means no limit.
     reach : float
-        How far one solution may go from the last point, in units of the scales; beyond, it goes on in a new box.
+        Largest distance of one solution from the last point, in units of the scales. If it reaches this distance, the
+        search continues in a new box.
     tolerance : float
         Largest scaled residual accepted.
     **fixed : float
@@ -88,15 +89,15 @@ def minimise(
     Raises
     ------
     ConvergenceError
-        When IPOPT does not converge; with its status.
+        When IPOPT does not converge. The message gives its status.
     ModelError
         For unknown names, or limits that contradict each other.
 
     Notes
     -----
-    The equations, their exact first and second derivatives (eq-optimum) and those of objective and limits make a
-    nonlinear program in the scaled unknowns. Functions are built once for the same callables: give functions with a
-    name, not a new lambda in every turn of a loop.
+    The equations, the objective and the limits, with their exact first and second derivatives (eq-optimum), form a
+    nonlinear program in the scaled unknowns. Functions are built once for the same callables. In a loop, therefore,
+    pass named functions and not a new lambda in every iteration.
     """
     system = equations.system
     _check(free, objective, subject_to, fixed)
@@ -127,7 +128,7 @@ def minimise(
     if result is None or residual > tolerance:
         raise ConvergenceError(
             f"no optimum found ({equations.method}; {done}, scaled residual {residual:.1e}). What to try: begin with a "
-            "cycle of the equations that meets the limits, from find_cycles or trace, or loosen the limits.",
+            "cycle of the equations that meets the limits, from find_cycles or trace, or relax the limits.",
             orbit,
             {"return_status": done, "iterations": count},
         )
@@ -137,7 +138,7 @@ def minimise(
     slopes = df[0, m:] + equations.sensitivity()(y[:m], p, weights[0]).full().ravel()
     slopes = slopes + (weights[1] @ dg[:, m:] if len(rows) else 0.0)
     gradient = {n: float(slopes[i]) for i, n in enumerate(system.parameter_names) if i not in places}
-    last = np.cumsum(program.sizes, dtype=int)  # beyond each limit
+    last = np.cumsum(program.sizes, dtype=int)  # excess over each limit
     parts, scaled = (np.split(values, last)[:-1] for values in (weights[1], lam_g[m:]))
     held = [f"limit {i + 1}" for i, part in enumerate(scaled) if np.abs(part).max() > ACTIVE]
     labels = (*equations.unknowns, *free)
@@ -165,12 +166,12 @@ def _check(free: Sequence[str], objective: Any, subject_to: Any, fixed: Mapping[
 def _search(
     solver: ca.Function, x: Array, theta: Array, bounds: tuple[Array, Array], limits: tuple[Array, Array], reach: float
 ) -> tuple[Array, dict[str, ca.DM] | None, int, str]:
-    """Go to the optimum in boxes about the last point, for a step beyond its neighbourhood leads astray.
+    """Find the optimum in successive boxes about the last point, because longer steps may lead astray.
 
     Returns
     -------
     x, result, iterations, status
-        The last point; what IPOPT returned there, None where it is no optimum.
+        The last point, and the result of IPOPT there, None if it is not an optimum.
     """
     longest, count = reach, 0
     for boxes in range(1, BOXES + 1):
@@ -183,7 +184,7 @@ def _search(
             there = result["x"].full().ravel()
             infeasible = "Infeasible" in statistics["return_status"]
             if infeasible and np.isfinite(reach) and np.abs(there - x).max() > 0.9 * reach:
-                x = there  # as near to the limits as the box allows
+                x = there  # come as close to the limits as the box allows
                 continue
             reach /= 4
             if reach < SMALLEST or np.isinf(reach):
@@ -198,7 +199,7 @@ def _search(
 
 
 def _row_scales(slopes: Array, sizes: Sequence[int]) -> Array:
-    """Return a typical change of every limited quantity: the largest of those that belong to one limit."""
+    """Return a typical change of every limited quantity: for each limit, the largest of its entries."""
     ends = np.cumsum(sizes, dtype=int)
     largest = [slopes[end - size : end].max() for end, size in zip(ends, sizes, strict=True)]
     return np.repeat([value if value > 0 else 1.0 for value in largest], sizes)

@@ -17,22 +17,22 @@ SOLVER: dict[str, Any] = {
     "ipopt": {
         "print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-10, "constr_viol_tol": 1e-10,
         "mu_init": 1e-3, "bound_push": 1e-8, "bound_frac": 1e-8,
-        "nlp_scaling_method": "none",  # the problem is scaled already
+        "nlp_scaling_method": "none",  # the problem is already scaled
     },
 }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """What is built once: objective and limits with derivatives, and the solver."""
+    """The parts that are built once: objective and limits with derivatives, and the solver."""
 
-    quantities: ca.Function  # (z, p) -> objective, its derivative in (z, p); limits, theirs
+    quantities: ca.Function  # (z, p) -> objective, its derivative in (z, p), limits, their derivatives
     solver: ca.Function
     sizes: tuple[int, ...]
 
 
 def _expression(function: CycleFunction, cycle: Cycle) -> ca.MX:
-    """Return what an objective or limit says of a cycle; raise `ModelError` when it is no expression."""
+    """Return the expression of an objective or limit for a cycle; raise `ModelError` if it is not an expression."""
     value: Any = function(cycle)
     try:
         return ca.MX(value)
@@ -76,7 +76,7 @@ def nonlinear_program(equations: Equations, free: tuple[int, ...], functions: Se
     H = H + bent(y[:m], q, ca.vertcat(lam_f * f_scale, lam_g[m:] / g_rows))
     H = ca.triu(ca.densify(H) * ca.mtimes(scale, scale.T))
     everything = ca.vertcat(*theta)
-    # a gradient with structural zeros would be taken for one of its few entries only
+    # a gradient with structural zeros would be read as a vector of its nonzero entries only
     together, gradient = ca.vertcat(F / rows, g_y / g_rows), ca.densify(f_scale * df[columns] * scale.T)
     hessian = ca.Function("hess_lag", [x, everything, lam_f, lam_g], [H], ["x", "p", "lam_f", "lam_g"], ["hess_lag"])
     options = SOLVER | {

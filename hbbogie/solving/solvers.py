@@ -1,4 +1,4 @@
-"""Solving the equations of a cycle: Newton's method from warm starts, IPOPT as the safety net."""
+"""Solving the equations of a cycle: Newton's method from a nearby guess, with IPOPT as the fallback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.methods.equations import Equations
+from hbbogie.methods.equations import Equations, SolvesItself
 from hbbogie.methods.level import within_level
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 def _by_ipopt(problem: Problem, y: Array) -> tuple[Array, dict[str, Any]]:
-    """Return what IPOPT makes of the equations with their conditions as limits, and nothing to minimise."""
+    """Return the result of IPOPT for the equations and conditions as constraints, with nothing to minimise."""
     equations, conditions = problem.equations, problem.conditions
     limited: list[CycleFunction] = []
     if conditions.amplitude is not None:
@@ -53,7 +53,7 @@ def _by_ipopt(problem: Problem, y: Array) -> tuple[Array, dict[str, Any]]:
 
 @overload
 def solve(
-    equations: Equations,
+    equations: Equations | SolvesItself,
     guess: Orbit,
     *,
     free: str | None = ...,
@@ -82,7 +82,7 @@ def solve(
 
 
 def solve(
-    equations: Equations,
+    equations: Equations | SolvesItself,
     guess: Orbit,
     *,
     free: str | Sequence[str] | None = None,
@@ -93,31 +93,33 @@ def solve(
     tolerance: float = 1e-10,
     **fixed: float,
 ) -> Orbit | Optimum:
-    """Solve for a cycle: at given parameters, at a given amplitude with one parameter unknown, or the best one.
+    """Solve for a cycle: at given parameters, at a given amplitude with one unknown parameter, or the optimal one.
 
     Parameters
     ----------
     equations : Equations
-        From `HarmonicBalance(...).equations(system)` or another method.
+        From `HarmonicBalance(...).equations(system)` or another method. Those of `hbbogie.exact.Exact` are solved at
+        given parameter values only.
     guess : Orbit
-        Where the search begins. Its parameter values are not used, except that of ``free``. The cycle has its level of
-        what the equations conserve.
+        Where the search begins. Its parameter values are not used, except that of ``free``. If the equations conserve
+        quantities, the cycle has the values of the guess.
     free : str, or sequence of str, optional
-        Name of the parameter to be found, which asks for ``amplitude``; or names of those over which to minimise.
+        Name of the parameter to be found, which requires ``amplitude``, or names of the parameters over which to
+        minimise.
     amplitude : mapping of one coordinate name to float, optional
         First-harmonic amplitude of that coordinate, in its unit.
     minimise : callable, optional
-        `Cycle` -> scalar expression, such as ``lambda cycle: cycle.parameter("V")`` for a fold: the cycle near
-        the guess at which it is smallest is found, see `hbbogie.solving.minimise`.
+        `Cycle` -> scalar expression, such as ``lambda cycle: cycle.parameter("V")`` for a fold. The result is the cycle
+        near the guess at which it is smallest; see `hbbogie.solving.minimise`.
     subject_to : sequence of (callable, lower, upper)
-        Limits of further expressions of the cycle; None for no limit.
+        Limits of further expressions of the cycle; None means no limit.
     method : {"auto", "newton", "ipopt"}
-        Without ``minimise``: "auto" tries Newton's method first and goes to IPOPT, which keeps to the bounds, when
-        that fails.
+        Used without ``minimise``. "auto" tries Newton's method first. If it fails, IPOPT follows, which respects the
+        bounds.
     tolerance : float
         Largest scaled residual accepted.
     **fixed : float
-        Parameter values; those not named are the values of the equations' system.
+        Parameter values. All others are those of the equations' system.
 
     Returns
     -------
@@ -126,7 +128,8 @@ def solve(
     Raises
     ------
     ConvergenceError
-        With the last iterate, the worst equation, the active bounds and what to try.
+        When no cycle is found. The error contains the last iterate, the worst equation, the active bounds and what to
+        try.
     ModelError
         For an unknown parameter or coordinate, or conditions that do not fit together.
 
@@ -145,16 +148,23 @@ def solve(
     >>> round(solve(balance, guess, free=["mu"], minimise=lambda cycle: cycle.parameter("mu")).value, 6)
     -0.25
     """
+    if not isinstance(equations, Equations):
+        if free is not None or amplitude is not None or minimise is not None or subject_to or method != "auto":
+            raise ModelError(
+                "solve: equations in closed form are solved at given parameter values; leave free=, amplitude=, "
+                "minimise=, subject_to= and method= out, or take HarmonicBalance(...).equations(system)."
+            )
+        return equations.solve(guess, **fixed)
     equations = within_level(equations.phased(guess), guess)
     if minimise is not None:
         if amplitude is not None or free is None or method != "auto":
-            raise ModelError("solve: minimise= goes with free= and subject_to= only; leave amplitude= and method= out.")
+            raise ModelError("solve: minimise= combines only with free= and subject_to=; omit amplitude= and method=.")
         names = [free] if isinstance(free, str) else list(free)
         return optimum.minimise(equations, guess, names, minimise, subject_to, **fixed)
     if subject_to:
-        raise ModelError("solve: subject_to= asks for minimise=; say what is to be smallest.")
+        raise ModelError("solve: subject_to= requires minimise=; give the objective.")
     if free is not None and not isinstance(free, str):
-        raise ModelError(f"solve: free={list(free)!r} asks for minimise=; with amplitude= give one name.")
+        raise ModelError(f"solve: free={list(free)!r} requires minimise=; with amplitude= give one name.")
     if method not in ("auto", "newton", "ipopt"):
         raise ModelError(f"solve: {unknown_name('method', method, ('auto', 'newton', 'ipopt'))}")
     conditions, target = _conditions(equations, free, amplitude, fixed)
@@ -216,8 +226,8 @@ def _failure(problem: Problem, y: Array, statistics: dict[str, Any]) -> Converge
         "the cycle shrank to the equilibrium: there may be no cycle at these parameters; look where cycles exist with "
         "find_cycles or trace"
         if small
-        else "there may be no cycle here, or the guess is too far: go there in smaller steps with trace, start from "
-        "find_cycles, or take fewer harmonics first"
+        else "there may be no cycle here, or the guess is too far away: approach it in smaller steps with trace, start "
+        "from find_cycles, or take fewer harmonics first"
     )
     at = {
         problem.equations.system.parameter_names[i]: y[problem.equations.size + k] for k, i in enumerate(problem.free)

@@ -1,7 +1,7 @@
-"""Stability of cycles: Floquet multipliers with a verdict, and cycles made exact by shooting.
+"""Stability of cycles: Floquet multipliers with a verdict, and cycles polished by shooting.
 
-A `System` and an `Orbit` go in. `floquet` and `hill` give a verdict with its reason, "unknown" among them; `verify`
-gives the polished cycle and the error bars of the one it came from.
+A `System` and an `Orbit` go in. `floquet` and `hill` give a verdict, which may be "unknown", with its reason. `verify`
+gives the polished cycle and the error bars of the given one.
 """
 
 import lazy_loader

@@ -1,9 +1,9 @@
 """Exponentials of matrices over many durations, and their derivatives, by a Taylor polynomial with squaring.
 
-A Taylor polynomial needs no inverse and no eigenvectors: it is as good where eigenvectors coincide, as they do for
-a free mass. The number of squarings follows from the fourth power, which the polynomial needs anyhow (A. H. Al-Mohy,
-N. J. Higham, A new scaling and squaring algorithm for the matrix exponential, SIAM J. Matrix Anal. Appl. 31 (2010)
-970-989; the evaluation is that of M. S. Paterson and L. J. Stockmeyer, SIAM J. Comput. 2 (1973) 60-66).
+A Taylor polynomial needs no inverse and no eigenvectors. It is therefore just as accurate if eigenvectors coincide, as
+they do for a free mass. The number of squarings follows from the fourth power, which the polynomial needs anyway (A. H.
+Al-Mohy, N. J. Higham, A new scaling and squaring algorithm for the matrix exponential, SIAM J. Matrix Anal. Appl. 31
+(2010) 970-989; the evaluation is that of M. S. Paterson and L. J. Stockmeyer, SIAM J. Comput. 2 (1973) 60-66).
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-REACH = 0.29  # size up to which the Taylor polynomial of degree 12 is good to round-off
-HALVES = 3  # squarings at least: transitions over 1/2, 1/4 and 1/8 of each duration come with them
+REACH = 0.29  # size up to which the Taylor polynomial of degree 12 is accurate to round-off
+HALVES = 3  # smallest number of squarings; they also give the transitions over 1/2, 1/4 and 1/8 of each duration
 # coefficients of A^1 ... A^4 in the three blocks of the polynomial, and those of the identity
 _BLOCKS = np.array([[1 / factorial(4 * k + j) for j in range(1, 5)] for k in range(3)])
-_BLOCKS[:2, 3] = 0.0  # A^4 and A^8 are the identity's share of the next block
+_BLOCKS[:2, 3] = 0.0  # A^4 and A^8 come in with the identity of the next block
 _IDENTITY = np.array([1 / factorial(4 * k) for k in range(3)])
 _ORDERS = np.add.outer(np.arange(0, 12, 4), np.arange(1, 5))
 
@@ -58,7 +58,7 @@ def exponentials_with_derivative(A: Array, D: Array, of: NDArray[np.int_], h: Ar
 
 
 def _exponentials(A: Array, of: NDArray[np.int_], h: Array) -> list[Array]:
-    """Return exponentials of a stack; below each matrix its derivative may stand, which is then taken along."""
+    """Return the exponentials of a stack, with their derivatives where those of the matrices are given below them."""
     powers = _powers(A)
     N = A.shape[-1]
     s, order, back = _squarings(powers[:, :, 3, :N], of, h)
@@ -101,9 +101,9 @@ def _powers(A: Array) -> Array:
 def _squarings(
     A4: Array, of: NDArray[np.int_], h: Array
 ) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_] | None]:
-    """Return how often each phase is to be squared, most first, the order of the phases, and the way back.
+    """Return the number of squarings of each phase, largest first, the order of the phases, and the inverse order.
 
-    The way back is None where the phases are in that order already.
+    The inverse order is None if the phases are in that order already.
     """
     size = np.einsum("buij,buij->bu", A4, A4) ** 0.125
     largest = (size[:, of] * np.abs(h)).max(axis=0, initial=1e-300)

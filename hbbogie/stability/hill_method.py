@@ -18,28 +18,28 @@ from hbbogie.stability.variation import Waveform, check_orbit
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-NODES, PHASE = 16, 8.0  # Gauss points for each so many radians of the fastest oscillation
+NODES, PHASE = 16, 8.0  # radians of the fastest oscillation that one Gauss rule covers
 
 
 @dataclass(frozen=True, eq=False)
 class HillStability:
-    """Floquet exponents of a cycle by Hill's method, how far they can be trusted, and a verdict.
+    """Floquet exponents of a cycle by Hill's method, measures of their reliability, and a verdict.
 
     Attributes
     ----------
     verdict : {"stable", "unstable", "unknown"}
     multipliers : ndarray of complex, shape (n_states,)
-        exp(exponent T), largest modulus first; the trivial one is among them.
+        exp(exponent T), largest modulus first, including the trivial one.
     exponents : ndarray of complex, shape (n_states,), 1/s
-        In the same order; the imaginary parts are those of the most central copy.
+        In the same order. The imaginary parts are those of the most central copy.
     health : dict
-        Errors in units of a multiplier: "trivial", the distance of the trivial multiplier from 1; "copies",
-        how much the copies of an exponent disagree on its multiplier, the largest; "determinant", the error of
-        the sum of the exponents (Liouville), relative to its size or to 1.
+        Errors in units of a multiplier. "trivial" is the distance of the trivial multiplier from 1. "copies" is the
+        largest disagreement between the copies of an exponent about its multiplier. "determinant" is the error of the
+        sum of the exponents (Liouville), relative to its size or to 1.
     unstable : int
         Number of multipliers outside the unit circle, the trivial one not counted.
     reason : str
-        Why the verdict is what it is, a sentence.
+        A sentence that gives the reason for the verdict.
     """
 
     verdict: str
@@ -75,22 +75,22 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
 
     Notes
     -----
-    A disturbance exp(sigma t) times a Fourier series with the harmonics -H ... H, put into the variational
-    equations of the first-order form, gives the eigenvalue problem (sigma + i h omega) psi_h = sum_k A_(h-k)
-    psi_k, with A_k the Fourier coefficients of the state matrix along the orbit. For equations of second
-    order it is the quadratic problem of the harmonic-balance Jacobian (eq-hill), written linearly.
-    The A_k are integrated panel by panel between the contact times, exactly to round-off for piecewise-linear
-    elements; a kink written with ``fmax`` or ``fabs`` in the equations is not seen and costs accuracy.
+    A disturbance exp(sigma t) times a Fourier series with the harmonics -H ... H, put into the variational equations of
+    the first-order form, gives the eigenvalue problem (sigma + i h omega) psi_h = sum_k A_(h-k) psi_k, with A_k the
+    Fourier coefficients of the state matrix along the orbit. For equations of second order it is the quadratic problem
+    of the harmonic-balance Jacobian (eq-hill), written linearly. The A_k are integrated panel by panel between the
+    contact times, exactly to round-off for piecewise-linear elements. A kink written into the equations with ``fmax``
+    or ``fabs`` is not detected and costs accuracy.
 
-    The eigenvalues are n_states exponents and their copies sigma + i k omega, spoilt towards the ends of the
-    range. Those are taken whose eigenvectors lie most centrally: smallest mean harmonic, weighted by
-    the squared entries (the states scaled alike). Of two copies centred at -1/2 and +1/2, as for negative
-    multipliers, one is taken. Exact copies would differ by i omega exactly: how much the neighbours
-    of those taken deviate is an estimate of the error from cutting the harmonics off.
+    The eigenvalues are n_states exponents and their copies sigma + i k omega, which become inaccurate towards the ends
+    of the range. The method selects those whose eigenvectors are most central, that is, have the smallest mean
+    harmonic, weighted by the squared entries of equally scaled states. Of two copies centred at -1/2 and +1/2, as for
+    negative multipliers, one is taken. Exact copies would differ by exactly i omega. The deviation of the neighbours of
+    the selected exponents from this is an estimate of the truncation error.
 
-    It is a cross-check of `floquet`, not the judge. With the harmonics of an orbit that solves its balance
-    exactly the trivial exponent is zero by construction and tells nothing of the error of the orbit; take
-    other harmonics to see it.
+    The method is meant as a cross-check of `floquet`. With the harmonics of an orbit that solves its balance exactly,
+    the trivial exponent is zero by construction and tells nothing about the error of the orbit. Choose other harmonics
+    to see this error.
     """
     check_orbit(system, orbit)
     if orbit.H == 0:
@@ -99,7 +99,7 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
     if jumping:
         raise ModelError(
             f"Hill's method does not see jumps of the vector field ({', '.join(jumping)}): the series of the state "
-            "matrix has none. Use floquet, or verify."
+            "matrix does not contain them. Use floquet, or verify."
         )
     H = orbit.H if harmonics is None else harmonics
     if int(H) != H or H < 1:
@@ -131,7 +131,7 @@ def _state_matrix_modes(waveform: Waveform, K: int) -> Complex:
     phases, weight = np.concatenate(tau), np.concatenate(w)
     x, lines = waveform.states(phases).T, waveform.lines(phases).T
     A = waveform.model.matrix(x, lines, waveform.p).full().reshape(n, -1, n)
-    if A.shape[1] == 1:  # depends on nothing: one matrix for all phases
+    if A.shape[1] == 1:  # a constant matrix, the same for all phases
         A = np.repeat(A, len(phases), axis=1)
     waves = np.exp(-1j * np.outer(np.arange(-K, K + 1), phases)) * weight / (2 * np.pi)
     return np.asarray(np.einsum("kt,itj->kij", waves, A, optimize=True))
@@ -163,8 +163,8 @@ def null_mode(system: System, orbit: Orbit, *, doubled: bool) -> Array:
     Returns
     -------
     ndarray
-        Fourier coefficients of the coordinates, of no particular size: even harmonics of the cycle's frequency, shape
-        (2 H + 1, n); or odd harmonics of half of it, shape (4 H + 1, n).
+        Fourier coefficients of the coordinates, of arbitrary size: even harmonics of the cycle's frequency, shape (2 H
+        + 1, n), or odd harmonics of half this frequency, shape (4 H + 1, n).
     """
     H, n = orbit.H, system.n_states
     waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
@@ -176,7 +176,7 @@ def null_mode(system: System, orbit: Orbit, *, doubled: bool) -> Array:
     blocks = (A / scale[:, None] * scale)[steps + 2 * H + 1].transpose(0, 2, 1, 3)
     matrix = blocks.reshape(len(k) * n, len(k) * n) - 1j * omega * np.diag(np.repeat(k, n))
     psi = np.linalg.svd(matrix)[2][-1].conj().reshape(len(k), n)
-    # the real mode among its complex multiples
+    # among the complex multiples of the mode, take the real one
     psi = psi * np.exp(-0.5j * np.angle((psi * psi[::-1]).sum()))
     psi = (0.5 * (psi + psi[::-1].conj()) * scale)[:, : system.n]
     coefficients = np.zeros((2 * (2 * H if doubled else H) + 1, system.n))
@@ -189,7 +189,7 @@ def null_mode(system: System, orbit: Orbit, *, doubled: bool) -> Array:
 
 
 def _central(eigenvalues: Complex, vectors: Complex, count: int, omega: float) -> NDArray[np.int_]:
-    """Return the places of the exponents whose eigenvectors have the smallest mean harmonic, no two of them copies."""
+    """Return the places of the exponents whose eigenvectors have the smallest mean harmonic, without copies."""
     H = len(vectors) // 2
     weights = (np.abs(vectors) ** 2).sum(axis=1)
     centre = np.arange(-H, H + 1) @ weights / weights.sum(axis=0)
@@ -216,7 +216,7 @@ def _is_copy(eigenvalues: Complex, vectors: Complex, i: int, j: int, omega: floa
 
 
 def _disagreement(eigenvalues: Complex, taken: NDArray[np.int_], orbit: Orbit) -> float:
-    """Return by how much the neighbouring copies of the exponents change their multipliers, the largest."""
+    """Return the largest change that neighbouring copies of the exponents make in their multipliers."""
     sigma = eigenvalues[taken]
     neighbours = np.stack([sigma + 1j * orbit.omega, sigma - 1j * orbit.omega])
     away = np.abs(neighbours[:, :, None] - eigenvalues).min(axis=2).max(axis=0)
@@ -236,7 +236,7 @@ def _judge(exponents: Complex, copies: float, trace: float, orbit: Orbit, tolera
         "determinant": float(abs(exponents.sum().real - trace) * T / max(1.0, abs(trace) * T)),
     }
     bad = [name for name, error in health.items() if not error <= tolerance]
-    doubt = f"not healthy ({', '.join(bad)}; allowed is {tolerance:g}): take more harmonics, or a better orbit"
+    doubt = f"too inaccurate ({', '.join(bad)}; allowed is {tolerance:g}): take more harmonics, or a better orbit"
     verdict, outside, reason = sides(multipliers, trivial, max(health["trivial"], copies), doubt if bad else "")
     figures = ", ".join(f"{name} {error:.2g}" for name, error in health.items())
     return HillStability(verdict, multipliers, exponents, health, outside, f"{reason}; errors: {figures}.")

@@ -1,4 +1,4 @@
-"""Passages through surfaces at which the vector field jumps: jump matrices, and motions that stick there.
+"""Passages through surfaces at which the vector field jumps: their jump matrices, and motions that stick there.
 
 The jump (saltation) matrix goes back to M. A. Aizerman and F. R. Gantmakher, On the stability of periodic
 motions, J. Appl. Math. Mech. 22 (1958) 1065-1078 (theory page, eq-jump).
@@ -19,11 +19,11 @@ from hbbogie.stability.variation import Waveform, contacts_of
 
 Array = NDArray[np.float64]
 
-# rad; the lines of the contacts are compared so far before and after a phase; also a share of the cycle within which
-# two jumps are at the same time
+# rad; distance before and after a phase at which the lines of the contacts are compared; also the share of the cycle
+# within which two jumps count as simultaneous
 EITHER_SIDE = 1e-9
-MARGIN = 1e-6  # smallest normal speed, relative to that on the other side, with which a motion passes
-PARALLEL = 1e-9  # two normals are one when the sine of their angle is smaller
+MARGIN = 1e-6  # smallest normal speed, relative to that on the other side, at which a motion counts as passing
+PARALLEL = 1e-9  # two normals count as one when the sine of their angle is smaller
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +33,14 @@ class Passages:
     Attributes
     ----------
     place : ndarray of int, shape (K,)
-        The interval, or element, of the cycle that begins with the passage.
+        The interval or element of the cycle that begins with the passage.
     matrices : ndarray, shape (K, n_states, n_states)
-        How a disturbance passes (eq-jump).
+        The effect of each passage on a disturbance (eq-jump).
     before, after : ndarray, shape (K,), unit of the contact's argument per s
         Speed of the argument on either side.
     sticking, corner : str
-        Where the motion does not pass, and where two surfaces meet so that no matrix describes the passage of
-        disturbances: clauses, empty where it is not so.
+        Clauses that say where the motion does not pass, and where two surfaces meet so that no matrix describes the
+        passage of disturbances. Empty if this does not happen.
     """
 
     place: NDArray[np.int_]
@@ -52,11 +52,11 @@ class Passages:
 
     @property
     def obstacle(self) -> str:
-        """Why disturbances do not pass as the matrices say, a clause; empty where they do."""
+        """Clause that says why the matrices do not describe the disturbances; empty if they do."""
         return self.sticking or self.corner
 
     def inserted(self, transitions: Array) -> Array:
-        """Return the transition matrices of intervals or elements, those of the passages included."""
+        """Return the transition matrices of intervals or elements, including those of the passages."""
         out = transitions.copy() if len(self.place) else transitions
         for i, S in zip(self.place[::-1], self.matrices[::-1], strict=True):
             out[i] = out[i] @ S
@@ -82,7 +82,7 @@ def passages_along(waveform: Waveform, mesh: Array) -> Passages:
         return _none(system)
     before, after = (waveform.lines(phases + side) for side in (-EITHER_SIDE, EITHER_SIDE))
     nodes = np.flatnonzero((before != after).any(axis=1))
-    # a jump just beside a node of the mesh is seen at both, and counts once
+    # a jump between two close nodes of the mesh is seen at both, but counts once
     next_one = np.append(phases[nodes[1:]], phases[nodes[:1]] + mesh[-1])
     place: list[int] = []
     contact: list[int] = []
@@ -137,7 +137,7 @@ def _passages(
 ) -> Passages:
     """Return the passages at states x, shape (K, n_states), with the lines of all contacts on either side.
 
-    ``when``, shape (K,), are their times as shares of what is passed through.
+    ``when``, shape (K,), are their times as shares of the whole motion.
     """
     field, arguments = field_of(system)
     K = len(place)
@@ -152,7 +152,7 @@ def _passages(
 
 
 def _sticking(contacts: list[AttachedLaw], before: Array, after: Array) -> str:
-    """Return where the field does not lead through the surface on both sides, a clause, or nothing."""
+    """Return a clause that says where the field does not lead through a surface on both sides, or an empty text."""
     slow, fast = np.minimum(np.abs(before), np.abs(after)), np.maximum(np.abs(before), np.abs(after))
     stuck = np.flatnonzero(~((before * after > 0) & (slow > MARGIN * fast)))
     if not len(stuck):
@@ -166,7 +166,7 @@ def _sticking(contacts: list[AttachedLaw], before: Array, after: Array) -> str:
 
 
 def _corner(contacts: list[AttachedLaw], when: Array, normal: Array) -> str:
-    """Return where two elements with different arguments jump at the same time, a clause, or nothing."""
+    """Return a clause that says where two elements with different arguments jump at the same time, or an empty text."""
     unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     for k in np.flatnonzero(np.append(when[1:], when[0] + 1) - when <= EITHER_SIDE):
         after = (k + 1) % len(when)

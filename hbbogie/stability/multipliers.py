@@ -21,9 +21,9 @@ from hbbogie.stability.variation import Waveform, check_orbit
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-MARGIN = 5.0  # a multiplier this many trivial errors from the unit circle has a side
+MARGIN = 5.0  # distance from the unit circle, in errors of the trivial multiplier, beyond which the side is certain
 CANDIDATES = 0.3  # distance from 1 up to which a multiplier may be the trivial one
-ALIGNED = 0.999  # cosines of angles with the motion's direction, relative to the largest, that are as good as equal
+ALIGNED = 0.999  # ratio of cosines of angles with the motion's direction above which they count as equal
 
 
 def floquet(
@@ -42,50 +42,50 @@ def floquet(
     orbit : Orbit
         A cycle, or an equilibrium (H = 0). The parameter values are those of the orbit.
     steps : int
-        Runge-Kutta steps per period. Where left out: none for systems that are linear between switchings, for
-        which exponentials are taken; else at least 256, 10 for each harmonic, and so many that a step times the
-        largest eigenvalue of the state matrix stays below 0.075; rounded up to a few numbers.
+        Runge-Kutta steps per period. By default, systems that are linear between switchings need none, since their
+        exponentials are taken. Other systems take at least 256 steps, at least 10 for each harmonic, and enough to keep
+        a step times the largest eigenvalue of the state matrix below 0.075. The number is rounded up to one of a few
+        values.
     tolerance : float
         Largest error of the trivial multiplier, and largest error of the logarithm of the determinant
         relative to its size (or to 1), that are still trusted.
     half : bool
-        Whether to integrate half a period only, for which system and orbit must be odd. By default it is
-        done where they are.
+        Whether to integrate only half a period, for which system and orbit must be odd. This is the default if they are
+        odd.
 
     Returns
     -------
     Stability
-        Of an equilibrium the multipliers are the exponentials of the eigenvalues over one second.
+        For an equilibrium, the multipliers are the exponentials of the eigenvalues over one second.
 
     Raises
     ------
     ModelError
-        When the orbit does not belong to the system, steps or tolerance are not acceptable, or half a period
-        is asked for and not enough.
+        When the orbit does not belong to the system, steps or tolerance are not acceptable, or half a period is
+        requested but not sufficient.
 
     Notes
     -----
-    The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series over the intervals of
-    a mesh; the product of the transition matrices is the monodromy matrix. The contact times of piecewise-linear
-    elements are mesh points, and inside an interval their slopes are those of its middle, so that no step straddles
-    a kink. Where A depends on these slopes only it is constant between contact times, and the transition matrices are
-    its exponentials (eq-phase-map); else each is one fourth-order Runge-Kutta step from the identity.
-    Where an element jumps, the jump matrix (eq-jump) is a further factor; a motion that does not pass there
-    but sticks is not followed, and the verdict is "unknown". A kink or jump written in the equations, as
-    ``fmax`` or ``sign``, and not as an element is not seen and costs accuracy. With the default steps
-    multipliers above 1e-4 are good to about 1e-6 of their size, for the orbit as given; its own error comes
-    on top.
+    The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series over the intervals of a
+    mesh. The product of the transition matrices is the monodromy matrix. The contact times of piecewise-linear elements
+    are mesh points, and inside an interval their slopes are those at its middle, so that no step straddles a kink. If A
+    depends only on these slopes, it is constant between contact times, and the transition matrices are its exponentials
+    (eq-phase-map). Otherwise each is one fourth-order Runge-Kutta step from the identity. Where an element jumps, the
+    jump matrix (eq-jump) is a further factor. A motion that sticks there instead of passing is not followed, and the
+    verdict is "unknown". A kink or jump that is written into the equations, as ``fmax`` or ``sign``, instead of as an
+    element is not detected and costs accuracy. With the default steps, multipliers above 1e-4 have a relative error of
+    about 1e-6 for the given orbit. The error of the orbit itself comes on top.
 
-    One multiplier of a cycle is 1; the error of the nearest measures orbit and integration together. The
-    determinant measures the integration alone: the sum of log abs det over the intervals and the jumps must be
-    the integral of the trace of A (Liouville) plus the logarithms of the jumps' known determinants. When either
-    fails, or a multiplier lies closer to the unit circle than five times the trivial error, the verdict is
-    "unknown". Of multipliers below about 1e-12 only the smallness is meant: they are round-off.
+    One multiplier of a cycle is 1. The distance of the nearest computed multiplier from 1 measures the errors of the
+    orbit and the integration together. The determinant measures the integration alone: the sum of log abs det over the
+    intervals and the jumps must be the integral of the trace of A (Liouville) plus the logarithms of the jumps' known
+    determinants. If either check fails, or if a multiplier lies closer to the unit circle than five times the trivial
+    error, the verdict is "unknown". Multipliers below about 1e-12 are round-off.
 
-    When system and orbit are odd, q(t + T/2) = -q(t), half the period is enough (eq-half-period): the
-    multipliers are the squares of those of G = -Phi(T/2), which are kept too. They tell more: next to the
-    trivial one, +1, G has +1 at a fold and -1 at a pitchfork that breaks the symmetry, where both are +1 over
-    the full period; and there the trivial one is not lost among others.
+    When system and orbit are odd, q(t + T/2) = -q(t), half the period is enough (eq-half-period). The multipliers are
+    the squares of those of G = -Phi(T/2), which are kept as well because they tell more. Besides the trivial one, +1, G
+    has +1 at a fold and -1 at a pitchfork that breaks the symmetry. Over the full period both are +1. With G, the
+    trivial multiplier of a pitchfork also remains separate from the critical one.
     """
     check_orbit(system, orbit)
     if not tolerance > 0:
@@ -117,7 +117,7 @@ def floquet(
 
 
 def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
-    """Return whether half a period is to be integrated; raise `ModelError` when it is asked for and not enough."""
+    """Return whether half a period is to be integrated; raise `ModelError` if it is requested but not sufficient."""
     if half is False:
         return False
     odd = fourier.is_odd(orbit.coefficients)
@@ -139,7 +139,7 @@ def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What is known of a cycle besides its map.
+    """What is known about a cycle besides its map.
 
     Attributes
     ----------
@@ -164,8 +164,9 @@ def judge(
 ) -> Stability:
     """Return the verdict on a cycle from its map and from Liouville's formula.
 
-    Where linear quantities are conserved, one multiplier is 1 for each, besides the trivial one, and the cycle is
-    judged among those of the same level: by the map on the disturbances that leave the quantities as they are.
+    If linear quantities are conserved, there is one multiplier 1 for each of them, besides the trivial one. The cycle
+    is then judged among motions with the same values of these quantities, by the map restricted to disturbances that do
+    not change them.
 
     Parameters
     ----------
@@ -177,11 +178,11 @@ def judge(
     tolerance : float
         Largest error of the trivial multiplier, and of the logarithm of the determinant relative to its size.
     motion : Motion, optional
-        By which the trivial multiplier is told from others near 1.
+        Used to distinguish the trivial multiplier from others near 1.
     """
     k = 0 if motion is None else len(motion.conserved)
     level = np.eye(len(matrix))
-    if motion is not None and k:  # an orthonormal basis of the level, in states of size 1
+    if motion is not None and k:  # an orthonormal basis of the disturbances that conserve, in states of size 1
         size = np.where(motion.size > 0, motion.size, 1.0)
         level = np.linalg.svd(motion.conserved * size)[2][k:].T
         matrix = level.T @ (matrix / size[:, None] * size) @ level
@@ -210,8 +211,8 @@ def judge(
     reason += f"; error of the trivial multiplier {error:.2g}, of the determinant {liouville:.2g}."
     if motion is not None and k:
         held = ", ".join(expression(row, motion.names) for row in motion.conserved)
-        reason += f" Judged among motions of one level: {held} {'is' if k == 1 else 'are'} conserved, with {k} "
-        reason += f"multiplier{'s' * (k > 1)} 1 for it."
+        reason += f" Judged among motions with the same conserved values: {held} {'is' if k == 1 else 'are'} "
+        reason += f"conserved, which gives {k} multiplier{'s' * (k > 1)} equal to 1."
     others = [i for i in range(len(values)) if i != trivial]
     critical = complex(multipliers[others[0]]) if others else None
     mode = _scaled(vectors[:, others[0]]) if others else None
@@ -234,12 +235,12 @@ def _trivial(values: Complex, vectors: Complex, motion: Motion | None) -> int:
     size = np.where(motion.size > 0, motion.size, 1.0)
     along = np.abs((motion.rate / size) @ (vectors[:, near] / size[:, None]))
     along /= np.linalg.norm(vectors[:, near] / size[:, None], axis=0)
-    aligned = near[along >= ALIGNED * along.max()]  # where two vectors meet, at a fold, they are one direction
+    aligned = near[along >= ALIGNED * along.max()]  # where two vectors meet, at a fold, they have the same direction
     return int(aligned[np.argmin(distance[aligned])])
 
 
 def sides(multipliers: Complex, trivial: int, error: float, doubt: str) -> tuple[str, int, str]:
-    """Return the verdict, the number of multipliers outside the unit circle, and why, the beginning of a sentence.
+    """Return the verdict, the number of multipliers outside the unit circle, and the beginning of the reason.
 
     Parameters
     ----------
@@ -247,9 +248,10 @@ def sides(multipliers: Complex, trivial: int, error: float, doubt: str) -> tuple
     trivial : int
         The place of the trivial one.
     error : float
-        Of the multipliers near the unit circle; closer to it than `MARGIN` times that none has a side.
+        Error of the multipliers near the unit circle. A multiplier closer to it than `MARGIN` times this error has no
+        definite side.
     doubt : str
-        Why the verdict is "unknown" whatever the multipliers are; empty where there is no reason.
+        Why the verdict is "unknown" whatever the multipliers are; empty if there is no such reason.
     """
     moduli, margin = np.abs(np.delete(multipliers, trivial)), max(MARGIN * error, 1e-8)
     outside, near = int((moduli > 1 + margin).sum()), int((np.abs(moduli - 1) <= margin).sum())
@@ -260,7 +262,7 @@ def sides(multipliers: Complex, trivial: int, error: float, doubt: str) -> tuple
         return "unstable", outside, f"{outside} multiplier(s) outside the unit circle, {largest}"
     if near:
         reason = f"{near} multiplier(s) besides the trivial one within {margin:.2g} of the unit circle: "
-        return "unknown", 0, reason + "neutral as far as can be told (a conservative system, or a bifurcation)"
+        return "unknown", 0, reason + "neutral as far as can be told (a conservative system or a bifurcation)"
     return "stable", 0, f"all multipliers but the trivial one inside the unit circle, {largest}"
 
 
@@ -292,7 +294,7 @@ def _equilibrium(system: System, orbit: Orbit, p: Array, tolerance: float) -> St
         reason = f"{neutral} eigenvalue(s) on the imaginary axis, {largest}: neutral as far as can be told."
     else:
         verdict, reason = "stable", f"all eigenvalues in the left half plane, {largest}."
-    with np.errstate(over="ignore"):  # a multiplier beyond the largest number is infinite, and unstable
+    with np.errstate(over="ignore"):  # a multiplier beyond the largest number is infinite and unstable
         multipliers = np.exp(eigenvalues)
     critical = complex(multipliers[0])
     return Stability(verdict, multipliers, 0.0, growing, reason, None, critical, _scaled(vectors[:, 0]))

@@ -22,11 +22,11 @@ from hbbogie.stability.variation import on_lines
 
 Array = NDArray[np.float64]
 
-STAGES = 12  # Gauss points of an element: order 24 at its ends
+STAGES = 12  # Gauss points of an element, which give order 24 at its ends
 FEWEST, MOST = 8, 3000  # elements per period
-COARSE = 1e-6  # local error of the first mesh: the given waveform has wiggles of its own
+COARSE = 1e-6  # local error of the first mesh; the given waveform has small oscillations of its own
 ITERATIONS, HALVINGS, REFINEMENTS = 30, 8, 12
-LARGEST = 1500  # unknowns of the shortest correction
+LARGEST = 1500  # largest number of unknowns for which the shortest correction is computed
 SINGULAR = 1e-7  # smallest singular value of an isolated cycle's equations
 
 
@@ -58,14 +58,14 @@ def _field(system: System) -> list[ca.Function]:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """The order of contacts over a period: S segments, each begun by a contact that changes its line.
+    """The order of contacts over a period: S segments, each of which begins when a contact changes its line.
 
     Attributes
     ----------
     starts, lengths : ndarray, shape (S,), rad
         Phases at which the segments begin, and their lengths.
     contact, level : ndarray, shape (S,) or (0,), the level in the unit of the contact's argument
-        The contact that begins each segment, and where; empty where no contact changes its line.
+        The contact that begins each segment, and its level; empty if no contact changes its line.
     lines : ndarray, shape (S, 2 contacts)
         Slope and intercept of each contact.
     """
@@ -84,7 +84,7 @@ class Path:
     Attributes
     ----------
     segment, share : ndarray, shape (N,)
-        The segment each element lies in, and its share of the duration of that.
+        The segment in which each element lies, and its share of the segment's duration.
     x, stages : ndarray, shape (N, n_states) and (N, STAGES, n_states)
         States where the elements begin, and at their Gauss points.
     durations : ndarray, shape (S,), s
@@ -104,7 +104,7 @@ class Path:
 
 @dataclass(frozen=True, eq=False)
 class NewtonStep:
-    """Equations and derivatives at a path, with the stages of each element eliminated.
+    """Equations and derivatives at a path; the stages of each element are eliminated.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class Shooting:
         c = np.hstack([orbit.coefficients, orbit.omega * fourier.derivative(orbit.coefficients)[:, second]])
         grid = fourier.synthesis(orbit.H, fourier.phases(max(256, 4 * orbit.H)))
         size, positions = np.abs(grid @ c).max(axis=0), np.arange(system.n_states) < system.n
-        for group in (positions, ~positions):  # a state that rests must not ask for infinite precision
+        for group in (positions, ~positions):  # a state at rest must not require infinite precision
             size[group] = np.maximum(size[group], 1e-6 * size[group].max(initial=0.0))
         self.scale = np.where(size > 0, size, 1.0)
         self.c = c / self.scale
@@ -164,7 +164,7 @@ class Shooting:
         return path
 
     def pieces(self, path: Path, f: Array, tolerance: float) -> NDArray[np.int_]:
-        """Return into how many pieces each element must be split, shape (N,)."""
+        """Return the number of pieces into which each element must be split, shape (N,)."""
         last = np.abs(np.einsum("km,ems->eks", TO_LEGENDRE[-2:], f)).max(axis=(1, 2)) * np.abs(path.h) / (2 * STAGES)
         return np.clip(np.ceil((last / tolerance) ** (1 / STAGES)), 1, 4).astype(int)
 
@@ -190,7 +190,7 @@ class Shooting:
         return float(path.h @ (traces @ WEIGHTS))
 
     def linearise(self, path: Path) -> NewtonStep:
-        """Return the equations and their derivatives, the stages eliminated."""
+        """Return the equations and their derivatives, with the stages eliminated."""
         N, _, n = path.stages.shape
         f, J = self.rates(path)
         h, x1 = path.h[:, None, None], path.x + path.h[:, None] * (WEIGHTS @ f)
@@ -224,7 +224,7 @@ class Shooting:
     def matrix(self, path: Path, step: NewtonStep) -> csc_matrix:
         """Return the derivative of gaps and conditions in the beginnings and in the durations, relative to all.
 
-        The last rows are the contact conditions; without contacts one row fixes the phase.
+        The last rows are the contact conditions. Without contacts, one row fixes the phase.
         """
         N, n = path.x.shape
         S, period = len(path.durations), path.durations.sum()
@@ -260,7 +260,7 @@ class Shooting:
         dx, dd = y[:-S].reshape(path.x.shape), y[-S:] * period
         stages = step.response[..., 0] + np.einsum("emsr,er->ems", step.response[..., 1:-1], dx)
         stages += step.response[..., -1] * (dd[path.segment] * path.share)[:, None, None]
-        long = path.durations > 1e-6 * period  # contacts at the same time leave nothing between them
+        long = path.durations > 1e-6 * period  # the segment between simultaneous contacts has no duration
         shrinking = float((-dd[long] / path.durations[long]).max())
         alpha = min(1.0, 0.8 / max(shrinking, 1e-300))
         for _ in range(HALVINGS if np.isfinite(y).all() else 0):

@@ -1,6 +1,6 @@
 """Transition matrices of the variational equations along an orbit.
 
-Where the system is linear between switchings they are exponentials, else single Runge-Kutta steps of a fine mesh.
+They are exponentials if the system is linear between switchings, and otherwise single Runge-Kutta steps of a fine mesh.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from hbbogie.stability.variation import Model, Waveform
 
 Array = NDArray[np.float64]
 
-# steps per period to choose from: a function is built for each number used
+# numbers of steps per period; each one used has its own function
 SIZES = tuple(sorted(s * 2**k for s in (256, 384) for k in range(9)))
 STEP_TIMES_EIGENVALUE = 0.075
-LONGEST = 4.0  # size of A h up to which the determinant of an exponential is good to round-off
+LONGEST = 4.0  # size of A h up to which the determinant of an exponential is accurate to round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Transitions:
     Attributes
     ----------
     mesh : ndarray, shape (N + 1,), rad
-        With every switching among its phases.
+        Its phases include every switching.
     matrices : ndarray, shape (N, n_states, n_states)
         Transition matrix of each interval.
     trace : float
@@ -50,8 +50,8 @@ def transitions_along(waveform: Waveform, steps: int | None = None, *, half: boo
     ----------
     waveform : Waveform
     steps : int or None
-        Runge-Kutta steps per period, also when only half of it is meshed. Where left out they are chosen, or
-        exponentials taken where the system is linear between switchings.
+        Runge-Kutta steps per full period, even if the mesh covers only half of it. By default the number is chosen
+        automatically, or exponentials are used if the system is linear between switchings.
     half : bool
         Whether the mesh ends at pi instead of 2 pi.
     """
@@ -74,7 +74,7 @@ def product(transitions: Array) -> Array:
 
 
 def _exact(waveform: Waveform, ends: Array) -> Transitions:
-    """Return exponentials over the pieces of each phase, pieces because a determinant needs moderate sizes."""
+    """Return exponentials over pieces of each phase, short enough for accurate determinants."""
     h, middle = np.diff(ends) / waveform.omega, 0.5 * (ends[:-1] + ends[1:])
     A = _matrices(waveform, waveform.states(middle), waveform.lines(middle))
     A2 = A @ A
@@ -99,7 +99,7 @@ def _matrices(waveform: Waveform, x: Array, lines: Array) -> Array:
 
 
 def _mesh(waveform: Waveform, ends: Array, steps: int | None, parts: int) -> Array:
-    """Return the phases of a mesh that contains the ends, with so many steps in the whole period."""
+    """Return the phases of a mesh that contains the ends, with the given number of steps in the whole period."""
     end = ends[-1]
     lengths = np.diff(ends)
     if steps is None:
@@ -132,8 +132,8 @@ def _fastest_eigenvalue(waveform: Waveform, midpoints: Array) -> float:
 def _variation(system: System, model: Model) -> ca.Function:
     """Return the transition matrix over one interval, a function of (h, states at 3 phases, lines, p).
 
-    The varying states run through their values at start, middle and end of the interval, the only
-    places where the Runge-Kutta stages ask for them.
+    The varying states are given at the start, the middle and the end of the interval, where the Runge-Kutta stages need
+    them.
     """
     size, m = system.n_states, len(model.varying)
     Phi, s, h = ca.SX.sym("Phi", size**2), ca.SX.sym("s"), ca.SX.sym("h")
@@ -146,7 +146,7 @@ def _variation(system: System, model: Model) -> ca.Function:
     problem = {"x": Phi, "t": s, "p": given, "ode": ca.vec(rate)}
     options = {"number_of_finite_elements": 1, "simplify": True}
     integrator = ca.integrator("variation", "rk", problem, 0.0, 1.0, options)
-    # expanded to scalar operations, which from the identity matrix is twice as fast
+    # starting from the identity matrix, expansion to scalar operations is twice as fast
     return ca.Function("transition", [given], [integrator(x0=ca.vec(ca.DM.eye(size)), p=given)["xf"]])
 
 
@@ -161,7 +161,7 @@ def _stepped(waveform: Waveform, mesh: Array) -> Array:
     p = np.broadcast_to(waveform.p, (N, len(waveform.p)))
     given = np.hstack([h, x[:-1], waveform.states(middle), x[1:], waveform.lines(middle), p])
     out = np.empty((N, system.n_states, system.n_states))
-    # memory shared with CasADi, whose columns are the rows here: conversion would cost as much as the work
+    # memory is shared with CasADi, whose columns are the rows here; conversion would cost as much as the work
     buffer.set_arg(0, given.data)
     buffer.set_res(0, out.data)
     run()

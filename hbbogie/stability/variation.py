@@ -1,4 +1,4 @@
-"""The variational equations along an orbit: state matrix, lines of the contacts and when they change."""
+"""The variational equations along an orbit: the state matrix, the lines of the contacts, and when these change."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROUND_OFF = 1e-13  # rad; of a phase of 2 pi and of the series
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What the variational equations need of a system, built once.
+    """What the variational equations need from a system, built once.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Model:
         lines, shape (2 contacts,): slope and intercept of each.
     measures : casadi.Function, (x[varying], lines, p) -> trace of A, norm of A
     arguments : casadi.Function, p -> (du/dq, du/dv, u at rest)
-        The affine arguments u of the contacts, each output one row per contact.
+        The affine arguments u of the contacts; each output has one row per contact.
     """
 
     varying: NDArray[np.int_]
@@ -43,14 +43,14 @@ class Model:
 
 
 def contacts_of(system: System) -> list[AttachedLaw]:
-    """Return the elements of piecewise-linear laws."""
+    """Return the elements with piecewise-linear laws."""
     return [e for e in system.elements if e.ramps is not None]
 
 
 def on_lines(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, list[AttachedLaw]]:
     """Return the first-order form with every contact on one of its lines: (q, v, lines, p, velocity, rates, contacts).
 
-    lines, shape (2 contacts,), are slope and intercept of each; the state is x = (q, v of the second-order
+    lines, shape (2 contacts,), contains the slope and intercept of each. The state is x = (q, v of the second-order
     coordinates), and dx/dt = rates, whose first n entries are the velocity.
     """
     n, contacts = system.n, contacts_of(system)
@@ -144,7 +144,7 @@ class Waveform:
         grid, E = _grid(self.H, end)
         rate = fourier.derivative(self.u)
         slope = E @ rate
-        # between turning points u is monotone: with them on the grid a short contact is not missed
+        # u is monotone between turning points: with these on the grid, no short contact is missed
         k, column = np.nonzero(slope[:-1] * slope[1:] < 0)
         turning = _roots(rate[:, column], np.zeros(len(k)), grid[k], grid[k + 1])
         columns, levels, low, high = [], [], [], []
@@ -164,7 +164,7 @@ class Waveform:
         return np.unique(found)
 
     def phases(self, end: float) -> Array:
-        """Return 0, the switchings between 0 and end, and end, increasing, rad."""
+        """Return 0, the switchings between 0 and end, and end, in increasing order, rad."""
         switchings = self.switchings(end)
         ends = np.r_[0.0, switchings[switchings < end - 1e-12], end]
         return ends[np.r_[True, np.diff(ends) > 1e-12]]
@@ -175,14 +175,14 @@ def _grid(H: int, end: float) -> tuple[Array, Array]:
     """Return phases from 0 to end, rad, and the matrix of synthesis there."""
     grid = fourier.phases(max(256, 32 * H))
     grid = np.append(grid[grid < end - 1e-9], end)
-    # the first and the last phase of a period are one, whatever the rounding
+    # the first and the last phase of a period must agree, whatever the rounding
     return grid, fourier.synthesis(H, np.append(grid[:-1], end if end < 2 * np.pi else 0.0))
 
 
 def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
-    """Return where each column of Fourier coefficients meets its level between low and high (safe Newton)."""
+    """Return where each column of Fourier coefficients meets its level between low and high (safeguarded Newton)."""
     H, rate = fourier.highest(c), fourier.derivative(c)
-    # both ends: at one of them the level may be met to the last digit
+    # check both ends, since the level may be met exactly at one of them
     fall = np.einsum("ij,ji->i", fourier.synthesis(H, low) - fourier.synthesis(H, high), c)
     tau, falling = 0.5 * (low + high), fall > 0
     for _ in range(60):
@@ -191,7 +191,7 @@ def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
         before = (f > 0) == falling
         low, high = np.where(before, tau, low), np.where(before, high, tau)
         step = tau - np.divide(f, slope, out=np.full_like(f, np.inf), where=slope != 0)
-        # a root that is met becomes a bound, which the next step may leave by round-off
+        # a root that is reached becomes a bound, which the next step may leave by round-off
         new = np.where((step >= low - ROUND_OFF) & (step <= high + ROUND_OFF), step, 0.5 * (low + high))
         tau, moved = new, np.abs(new - tau)
         if moved.max(initial=0.0) < ROUND_OFF:

@@ -22,25 +22,25 @@ from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
 
-EITHER_SIDE = 1e-8  # rad; a contact is tested so far before and after its time
+EITHER_SIDE = 1e-8  # rad; distance before and after the time of a contact at which it is tested
 ATTEMPTS = 5  # orders of contacts tried
-SAMPLES = 16  # intervals of an element in which contacts and peaks are looked for
-HARMONICS = (127, 255, 511)  # highest harmonic of a polished orbit, the first that resolves it
-RESOLVED = 1e-7  # tail of a resolved orbit
+SAMPLES = 16  # intervals of an element in the search for contacts and peaks
+HARMONICS = (127, 255, 511)  # highest harmonics tried for a polished orbit; the first that resolves it is taken
+RESOLVED = 1e-7  # largest tail of a resolved orbit
 TRUSTED = 1e-4  # largest error of the trivial multiplier and, relative to its size, of the logarithm of the determinant
 
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """A polished cycle, and how far the cycle it came from is from it.
+    """A polished cycle, and the distance of the given cycle from it.
 
     Attributes
     ----------
     orbit : Orbit
-        The polished cycle, in phase with the given one, with its multipliers and verdict. Its frequency is as good as
-        ``closure``; its Fourier series is cut off (see ``orbit.tail``).
+        The polished cycle, in phase with the given one, with its multipliers and verdict. Its frequency is as accurate
+        as ``closure``. Its Fourier series is truncated (see ``orbit.tail``).
     amplitudes : dict of float, unit of the coordinate
-        Its peaks, not cut off.
+        Its peaks, without truncation.
     omega_error : float, rad/s
         Given frequency minus polished.
     amplitude_errors : dict of float, unit of the coordinate
@@ -50,14 +50,14 @@ class Verification:
     defect : float
         Largest residual of the equations along the given waveform, relative to the largest of their linear terms.
     closure : float
-        Largest jump of a state, relative to its size, where the elements of the polished motion meet, when
-        each is integrated again in two halves.
+        Largest jump of a state, relative to its size, between neighbouring elements of the polished motion when each
+        element is integrated again in two halves.
     trivial_error : float
         Distance of the nearest multiplier from 1.
     isolated : bool
-        False where the cycle is one of a continuous family; its errors then mean little.
+        False if the cycle belongs to a continuous family. Its errors then mean little.
     status : str
-        How it ended, a sentence.
+        A sentence on how it ended.
     """
 
     orbit: Orbit
@@ -84,7 +84,7 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     ----------
     system : System
     orbit : Orbit
-        A cycle, stable or not, as by `solve`. The parameter values are those of the orbit.
+        A cycle, stable or not, for example from `solve`. The parameter values are those of the orbit.
     tolerance : float
         Largest local error of the polished motion, relative to the size of each state.
 
@@ -101,16 +101,15 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
 
     Notes
     -----
-    Multiple shooting: the period is divided where contacts of piecewise-linear elements change their line,
-    and these times are unknowns, fixed by the contacts' own conditions; between them the motion is smooth.
-    There it is integrated by Gauss collocation of order 24, on elements made so short that the last
-    coefficients of their polynomials stay below the tolerance. Newton's method solves for the states where
-    elements meet and the durations at once, which also holds on to unstable and to stiff cycles; the
-    monodromy matrix is the product of the elements' transition matrices. Afterwards every contact is looked
-    for inside every element; where one was missed, the order of contacts is taken from the new motion.
-    Where an element jumps, the motion must pass: one that sticks ends in a `ConvergenceError`. The
-    monodromy matrix contains the jump matrices (eq-jump). A kink that is not an element costs many elements; a jump
-    that is not ends in a `ConvergenceError`.
+    The method is multiple shooting. The period is divided where contacts of piecewise-linear elements change their
+    line. These times are unknowns, determined by the contacts' own conditions, and the motion is smooth between them.
+    It is integrated by Gauss collocation of order 24, on elements so short that the last coefficients of their
+    polynomials are below the tolerance. Newton's method solves for the durations and for the states between elements at
+    once, so that it also converges to unstable and to stiff cycles. The monodromy matrix is the product of the
+    elements' transition matrices. Afterwards every element is searched for contacts. If one was missed, the order of
+    contacts is taken from the new motion. Where an element jumps, the motion must pass, and one that sticks raises a
+    `ConvergenceError`. The monodromy matrix then contains the jump matrices (eq-jump). A kink that is not written as an
+    element requires many collocation elements. A jump that is not written as an element raises a `ConvergenceError`.
     """
     _check(system, orbit)
     tolerance = positive("tolerance", tolerance, "1")
@@ -153,7 +152,7 @@ def _check(system: System, orbit: Orbit) -> None:
     if not np.isfinite(orbit.coefficients).all():
         raise ModelError("the orbit has coefficients that are not finite; give a cycle that was solved for.")
     if not orbit.H or not np.abs(orbit.coefficients[1:]).max() > 0:
-        raise ModelError("the orbit is an equilibrium, there is nothing to polish; give a cycle.")
+        raise ModelError("the orbit is an equilibrium, so there is nothing to polish; give a cycle.")
 
 
 def _check_passing(passages: Passages, orbit: Orbit, error: ConvergenceError | None = None) -> None:
@@ -166,8 +165,8 @@ def _status(path: Path, shooting: Shooting, closure: float, distance: float, iso
     contacts = len(shooting.pattern.contact)
     status = f"polished by shooting to {closure:.1e} on {len(path.x)} elements with {contacts} contact(s) located"
     if not isolated:
-        status += "; not isolated: a continuous family of cycles, as in a conservative system (or a fold); one "
-        status += "of it was taken, and the errors against it mean little"
+        status += "; not isolated: it belongs to a continuous family, as in a conservative system (or at a fold); "
+        status += "one of its cycles was taken, and the errors against it mean little"
     if distance > 0.5:
         status += f"; the given orbit is far from it, {distance:.2g} of the peak"
     return status + "."
@@ -203,7 +202,7 @@ def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
     events: list[tuple[float, int, float]] = []
     for tau in waveform.switchings():
         if events and tau - events[-1][0] < EITHER_SIDE:
-            continue  # contacts at the same time are all found at the first
+            continue  # simultaneous contacts are all found at the first of them
         before, after = fourier.synthesis(waveform.H, tau + EITHER_SIDE * np.array([-1.0, 1.0])) @ waveform.u
         events += [(tau, int(i), g) for i, g in pairs if (before[int(i)] < g) != (after[int(i)] < g)]
     starts = np.array([e[0] for e in events] or [0.0])
@@ -214,7 +213,7 @@ def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
         u = (fourier.synthesis(waveform.H, starts[first] + lengths[first] / 2) @ waveform.u)[0]
         state = direction * u[owner] > threshold
     active = np.tile(state, (S, 1))
-    for k in range(first + 1, first + 1 + len(events)):  # all round, back to where it began
+    for k in range(first + 1, first + 1 + len(events)):  # once round, back to the beginning
         _, i, g = events[k % S]
         state = state ^ ((owner == i) & (levels == g))
         if k < first + S:
@@ -247,7 +246,7 @@ def _closed(system: System, orbit: Orbit, tolerance: float) -> tuple[Shooting, P
         c = _coefficients(shooting, path, step, 0.0, HARMONICS[0])
         guess = orbit.replace(coefficients=c, omega=float(2 * np.pi / path.durations.sum()))
     raise ConvergenceError(
-        f"system {system.name!r}: no order of contacts agrees with the motion that has it (a contact is missed by "
+        f"system {system.name!r}: no order of contacts agrees with its own motion (a contact is missed by "
         f"{wrong:.2g} of its range or of the period; grazing?). Take more harmonics, or other parameters.",
         orbit=orbit,
     )
@@ -320,7 +319,7 @@ def _aligned(shooting: Shooting, path: Path, step: NewtonStep, orbit: Orbit) -> 
 
 
 def _peaks(shooting: Shooting, path: Path, step: NewtonStep) -> dict[str, float]:
-    """Return the largest absolute value of each coordinate, by the roots of its rate in the elements near it."""
+    """Return the largest absolute value of each coordinate, from the roots of its rate in the elements near it."""
     _, x = _dense(shooting, path, step)
     peaks = {}
     for i, name in enumerate(shooting.system.coordinate_names):
@@ -347,4 +346,4 @@ def _stability(shooting: Shooting, path: Path, step: NewtonStep, passages: Passa
     motion = Motion(size * step.f[0, 0], size, held, state_names(system))
     matrix = size[:, None] * product(transitions) / size
     found = judge(matrix, 1, log_det, trace, TRUSTED, motion)
-    return replace(found, mode=None)  # it is that at the path's beginning and not at phase 0
+    return replace(found, mode=None)  # it belongs to the path's beginning and not to phase 0

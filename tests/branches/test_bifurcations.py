@@ -12,7 +12,6 @@ import hbbogie as hb
 from hbbogie import Coordinate, Element, HarmonicBalance, ModelError, Parameter, System, fourier
 from hbbogie.branches import crossings, onset
 from hbbogie.model import DeadBand
-from hbbogie.solving import Point
 
 circuit = hb.load_problem("circuit")
 
@@ -280,8 +279,7 @@ class TestOnset:
         """Duffing's equation is conservative at d = 0: there is no Lyapunov coefficient, and no neighbour."""
         system = hb.load_problem("duffing").duffing()
         (hopf,) = hb.hopf_points(system, "d", (-0.5, 0.5))
-        point = Point(np.array([1.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]), np.zeros(2))
-        assert onset(hopf, system.with_parameters(d=hopf.value), [point]) is hopf
+        assert onset(hopf, system.with_parameters(d=hopf.value), [hopf.value]) is hopf
 
 
 class TestShifted:

@@ -6,6 +6,7 @@ import pytest
 from scipy.special import ellipk
 
 import hbbogie as hb
+from hbbogie.branches import of_prime_period
 
 C, P = hb.Coordinate, hb.Parameter
 
@@ -50,6 +51,39 @@ class TestWhatIsFound:
         radii = (3 - 5**0.5) / 2, (3 + 5**0.5) / 2
         assert [o.amplitude("x") for o in found] == pytest.approx(radii, rel=1e-6)
         assert [o.stability.verdict for o in found] == ["stable", "unstable"]
+
+    def test_odd_system_about_two_wells(self):
+        """Takens and Bogdanov with symmetry: the wells at +-1 lose their stability at m = 1, subcritically."""
+        x, m = C("x"), P("m", 0.97)
+        system = hb.System("wells", [x], [m], [x.ddot - (m - x**2) * x.dot - x + x**3])
+        points = hb.hopf_points(system, "m", (0.9, 1.1))
+        assert [s.value for s in points] == pytest.approx([1.0, 1.0], abs=1e-11)
+        found = hb.find_cycles(system, m=0.97, interval=(0.9, 1.1))
+        small = [o for o in found if o.coefficients[0, 0] ** 2 > 0.01]
+        assert [np.sign(o.coefficients[0, 0]) for o in small] in ([1, -1], [-1, 1])
+        assert {o.stability.verdict for o in small} == {"unstable"}
+        assert small[0].omega == pytest.approx(small[1].omega, rel=1e-9)
+
+    def test_motions_with_contact_come_back(self):
+        """Where the flange is met, a motion between samples is no straight line; it settles on the larger cycle."""
+        bogie = hb.load_problem("yang1995").bogie()
+        found = hb.find_cycles(bogie, V=90.0)
+        assert [o.stability.verdict for o in found] == ["unstable", "stable"]
+        assert any("came to a cycle found already" in sentence for sentence in found.evidence)
+        assert any("was followed in closed form" in sentence for sentence in found.evidence)
+        for cycle in found:  # two methods agree
+            assert hb.verify(bogie, cycle).orbit.omega == pytest.approx(cycle.omega, rel=1e-9)
+
+    def test_a_cycle_run_through_several_times_is_one(self):
+        """Three periods of x = cos t + sin 2 t."""
+        c = np.zeros((19, 1))
+        c[5, 0], c[12, 0] = 1.0, 1.0
+        thrice = hb.Orbit("s", ("x",), ("",), c, 1 / 3, {})
+        once = of_prime_period(thrice)
+        t = np.linspace(0, 7, 50)
+        assert once.omega == pytest.approx(1.0) and of_prime_period(once) is once
+        np.testing.assert_allclose(once.q(t), thrice.q(t), atol=1e-14)
+        np.testing.assert_allclose(once.q(t)[:, 0], np.cos(t) + np.sin(2 * t), atol=1e-14)
 
     @pytest.mark.slow
     def test_phantoms_of_harmonic_balance_are_not_listed(self):

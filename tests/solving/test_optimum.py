@@ -118,9 +118,9 @@ class TestErrors:
         ("options", "words"),
         [
             ({"free": ["W0"], "minimise": speed}, "W0"),
-            ({"free": "V", "minimise": speed, "amplitude": {"q1": 0.01}}, "minimise= goes with free="),
-            ({"minimise": speed}, "minimise= goes with free="),
-            ({"free": "V", "subject_to": [(speed, 1.0, 2.0)]}, "asks for minimise="),
+            ({"free": "V", "minimise": speed, "amplitude": {"q1": 0.01}}, "minimise= combines only with free="),
+            ({"minimise": speed}, "minimise= combines only with free="),
+            ({"free": "V", "subject_to": [(speed, 1.0, 2.0)]}, "requires minimise="),
             ({"free": ["V", "lam"], "amplitude": {"q1": 0.01}}, "give one name"),
             ({"free": "V", "minimise": speed, "subject_to": [(speed, 2.0, 1.0)]}, "lower 2 and upper 1"),
             ({"free": "V", "minimise": "V"}, "objective is 'V'; give a function"),

@@ -274,7 +274,7 @@ class TestSweep:
         run = process("script", cwd=tmp_path)
         out, err = run.communicate(timeout=60)
         assert (
-            run.returncode == 1 and out == "" and 'In a script the call stands below: if __name__ == "__main__":' in err
+            run.returncode == 1 and out == "" and 'In a script, put the call below: if __name__ == "__main__":' in err
         )
         own = "class A:\n    pass\ndef f(system, a=A, b={'c': {'d', 'e', 'f'}}):\n    return {'product': a.__name__}\n"
         text = f"import hbbogie as hb\n{own}if __name__ == '__main__':\n    print({call}['product'].values)\n"

@@ -1,0 +1,97 @@
+"""Cycles in closed form through `solve` and `trace`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hbbogie as hb
+from hbbogie.exact import Exact
+from hbbogie.model import Saturation
+
+C, P = hb.Coordinate, hb.Parameter
+
+
+def chua() -> hb.System:
+    """Chua's circuit: T. Matsumoto, IEEE Trans. Circuits Syst. 31 (1984) 1055, slopes -8/7 and -5/7, beta 100/7."""
+    x, y, z, alpha = C("x"), C("y"), C("z"), P("alpha", 8.0)
+    diode = hb.Element("diode", Saturation(1.0, 1.0), x)
+    current = -5 / 7 * x - 3 / 7 * diode
+    equations = [x.dot - alpha * (y - x - current), y.dot - (x - y + z), z.dot + 100 / 7 * y]
+    return hb.System("chua", [x, y, z], [alpha], equations, [diode])
+
+
+@pytest.fixture(scope="module")
+def chua_branches():
+    system = chua()
+    equations = Exact(31).equations(system)
+    points = hb.hopf_points(system, "alpha", (6.0, 8.5))
+    return system, [hb.trace(equations, hopf, "alpha", (6.0, 8.5)) for hopf in points]
+
+
+class TestBogie:
+    def test_branch_from_its_hopf_point(self, bogie):
+        (hopf,) = hb.hopf_points(bogie, "V", (60.0, 190.0))
+        branch = hb.trace(Exact().equations(bogie), hopf, "V", (60.0, 190.0))
+        assert [s.kind for s in branch.special] == ["hopf", "grazing", "grazing", "fold"]
+        (fold,) = branch.folds()
+        assert fold.value == pytest.approx(88.7641131943, abs=5e-11) and fold.extremum == "minimum"
+        assert branch.values[-1] == pytest.approx(190.0, rel=1e-14) and branch.verdicts[-1] == "stable"
+
+    def test_branch_from_a_cycle_goes_both_ways(self, bogie):
+        cycle = hb.find_cycles(bogie, V=90.0)[0]
+        branch = hb.trace(Exact().equations(bogie), cycle, "V", (60.0, 190.0))
+        assert {end.kind for end in branch.ends} == {"interval", "contact"}
+        assert branch.folds()[0].value == pytest.approx(88.7641131943, abs=5e-11)
+
+    @pytest.mark.parametrize("V", [100.0, 180.0])
+    def test_a_cycle_at_another_speed(self, bogie, V):
+        """Multiple shooting with located contacts has the same frequency and multipliers."""
+        guess = hb.find_cycles(bogie, V=90.0)[-1]
+        cycle = hb.solve(Exact().equations(bogie), guess, V=V)
+        truth = hb.verify(bogie, cycle).orbit
+        assert cycle.omega == pytest.approx(truth.omega, rel=1e-10)
+        assert abs(cycle.stability.critical) == pytest.approx(abs(truth.stability.critical), rel=1e-6)
+
+
+class TestChua:
+    def test_period_doubling(self, chua_branches):
+        """By an independent method: a multiplier of shooting is -1 there."""
+        system, (one, other) = chua_branches
+        (doubling,) = (s for s in one.special if s.kind == "period doubling")
+        (mirrored,) = (s for s in other.special if s.kind == "period doubling")
+        assert mirrored.value == pytest.approx(doubling.value, rel=1e-11)
+        multipliers = hb.verify(system, doubling.orbit).orbit.stability.multipliers
+        assert np.abs(multipliers + 1).min() < 1e-6
+        for value, verdict in list(zip(one.values, one.verdicts, strict=True))[2:]:
+            if abs(value - doubling.value) > 1e-6:
+                assert verdict == ("stable" if value < doubling.value else "unstable")
+
+    def test_harmonic_balance_agrees(self, chua_branches):
+        system, (one, _) = chua_branches
+        (hopf, _) = hb.hopf_points(system, "alpha", (6.0, 8.5))
+        branch = hb.trace(hb.HarmonicBalance(31).equations(system), hopf, "alpha", (6.0, 8.5))
+        near, exact = ([s.value for s in b.special if s.kind == "period doubling"] for b in (branch, one))
+        assert near == pytest.approx(exact, rel=1e-6)
+        for b in (branch, one):  # alpha rises along the branch, where the equilibrium has lost its stability
+            assert next(s for s in b.special if s.kind == "hopf").criticality == "supercritical"
+
+
+class TestErrors:
+    def test_what_is_not_linear_between_switchings(self):
+        with pytest.raises(hb.ModelError, match="HarmonicBalance"):
+            Exact().equations(hb.load_problem("van_der_pol").van_der_pol())
+
+    @pytest.mark.parametrize("harmonics", [0, -3, 2.5, "many"])
+    def test_harmonics(self, bogie, harmonics):
+        with pytest.raises(hb.ModelError, match="whole number"):
+            Exact(harmonics).equations(bogie)
+
+    def test_only_at_given_values(self, bogie):
+        exact, cycle = Exact().equations(bogie), hb.find_cycles(bogie, V=90.0)[-1]
+        with pytest.raises(hb.ModelError, match="at given parameter values"):
+            hb.solve(exact, cycle, free="V", amplitude={"q1": 0.01})
+        with pytest.raises(hb.ModelError, match="outside the interval"):
+            hb.trace(exact, cycle, "V", (100.0, 190.0))
+        with pytest.raises(hb.ConvergenceError, match="turns back or ends"):
+            hb.solve(exact, cycle, V=88.0)
