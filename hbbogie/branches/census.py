@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 from hbbogie.branches.closed_form import exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, extent, family_message
-from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings
 from hbbogie.branches.relatives import relatives
@@ -22,6 +22,7 @@ from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
 from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.methods.scales import amplitude_scale
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.ranges import check_interval
@@ -75,6 +76,11 @@ class Census:
         if not self.equilibria:
             self.evidence.append(f"{at}: no equilibrium was found")
 
+    @cached_property
+    def equations(self) -> Equations:
+        """The equations of harmonic balance with which branches are followed."""
+        return HarmonicBalance(COARSE).equations(self.system)
+
     def follow_branches(self) -> None:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
         for hopf, which in (start for point in self.hopf for start in beginnings(self.system, point)):
@@ -106,7 +112,7 @@ class Census:
 
     def _by_harmonic_balance(self, hopf: SpecialPoint, name: str) -> None:
         """Follow the cycles of harmonic balance, and consider those at the value."""
-        equations = balance_about(self.system, COARSE, hopf.orbit)
+        equations = self.equations
         try:
             branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
         except FAILURES as error:
@@ -210,7 +216,7 @@ class Census:
                 if H and H <= finer.H:
                     continue
                 if H:
-                    last, finer = finer, solve(balance_about(self.system, H, finer), finer, method="newton")
+                    last, finer = finer, solve(HarmonicBalance(H).equations(self.system), finer, method="newton")
                     resolved = abs(finer.omega / last.omega - 1) <= CONVERGED
                 return self._checked(finer)
             except ConvergenceError:

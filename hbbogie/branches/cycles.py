@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.branches.census import Census
 from hbbogie.branches.crossing import family_message
-from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.judging import verified
 from hbbogie.branches.same import once_each, samples
 from hbbogie.branches.simulated import NEAR, settled_cycles
@@ -151,8 +150,8 @@ def _longer(census: Census) -> tuple[list[Orbit], str]:
 def _balanced(census: Census, found: list[Orbit], H: int, stability: bool) -> list[Orbit]:
     """Return the cycles of harmonic balance with harmonics up to H next to those found."""
     system, kept, failed = census.system, [], None
+    equations = HarmonicBalance(H).equations(system)
     for orbit in found:
-        equations = balance_about(system, H, orbit)
         try:
             near = solve(equations, orbit, method="newton")
             if abs(near.omega / orbit.omega - 1) > NEAR:

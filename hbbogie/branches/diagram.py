@@ -11,7 +11,6 @@ import numpy as np
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.branches.cycles import ORDERS, find_cycles
-from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.judging import estimate, stability_of
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import settled_cycles
@@ -148,14 +147,10 @@ class _About:
 
     def traced(self, H: int, cycles: Sequence[Orbit], stability: bool, notes: list[str]) -> list[Branch]:
         """Return the branches from the Hopf points, and those through cycles that lie on none of them."""
-        found = [
-            b
-            for point in self.hopf
-            for b in self.one(balance_about(self.system, H, point.orbit), point, stability, notes)
-        ]
+        equations = HarmonicBalance(H).equations(self.system)
+        found = [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
         inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
         for cycle in cycles if inside else ():
-            equations = balance_about(self.system, H, cycle)
             if not any(_passes(equations, b, cycle) for b in found):
                 found += self.one(equations, cycle, stability, notes)
         return found

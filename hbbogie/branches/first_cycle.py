@@ -5,42 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
-from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
-from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.results.branch import SpecialPoint
 from hbbogie.results.orbit import Orbit
 
 Array = NDArray[np.float64]
 
-ODD = 1e-6  # mean and even harmonics, relative to the largest, of a cycle that counts as odd
 SMALL = 1e-2  # amplitude of a first cycle of a smooth system, in units of the amplitude scale
-
-
-def balance_about(system: System, H: int, orbit: Orbit) -> Equations:
-    """Return harmonic balance of cycles like one: with a mean and even harmonics where it has them.
-
-    Of an odd system the cycles about another equilibrium than zero, and those whose symmetry is broken, are not odd.
-    """
-    odd = None if fourier.is_odd(orbit.coefficients, ODD) else False
-    return HarmonicBalance(H, odd=odd).equations(system)
-
-
-def check_kept(equations: Equations, where: str, guess: Orbit, p: Array) -> None:
-    """Raise `ModelError` when the equations keep odd harmonics only and the cycles have a mean or even ones."""
-    kept = equations.coefficients(equations.encode(guess), p).full()
-    if np.abs(_even(kept)).max() < 0.5 * np.abs(_even(guess.coefficients)).max():
-        raise ModelError(
-            f"trace: cycles {where} have a mean and even harmonics, which {equations.method} leave out; give "
-            "HarmonicBalance(..., odd=False).equations(system)."
-        )
-
-
-def _even(coefficients: Array) -> Array:
-    """Return the mean and the even harmonics."""
-    return np.asarray(coefficients[fourier.rows_of(range(0, fourier.highest(coefficients) + 1, 2))])
 
 
 def first_cycle(equations: Equations, hopf: SpecialPoint) -> Orbit:
@@ -58,10 +30,7 @@ def first_cycle(equations: Equations, hopf: SpecialPoint) -> Orbit:
         size = _touching(system, orbit, wave)
     coefficients = size * wave
     coefficients[0] = orbit.coefficients[0]
-    first = orbit.replace(coefficients=coefficients)
-    if not fourier.is_odd(coefficients, ODD):
-        check_kept(equations, "from the Hopf point", first, system.vector(**orbit.parameters))
-    return first
+    return orbit.replace(coefficients=coefficients)
 
 
 def _touching(system: System, orbit: Orbit, wave: Array) -> float:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
-from hbbogie.branches.same import BLOCKS, signature
+from hbbogie.branches.same import BLOCKS, of_prime_period, signature
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.rest import angles_of
 from hbbogie.model.system import System
 from hbbogie.motion.integration import initial_state, states_after
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
 CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
@@ -94,7 +95,7 @@ def cycle_after(system: System, start: Start) -> Orbit:
             f"the motion from the start {ends.get(kind, 'has not come back to itself')}: there is no cycle to begin "
             "with. What to try: another state, or a cycle of find_cycles."
         )
-    return orbit
+    return of_prime_period(verify(system, orbit).orbit)
 
 
 def recurrences(system: System, x: Array, h: float, size: Array, known: list[Array]) -> Iterator[Recurrence]:

@@ -21,17 +21,17 @@ RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and di
 def signature(orbit: Orbit) -> Array:
     """Return what tells a cycle from others wherever its time begins, shape (1 + BLOCKS n,).
 
-    Frequency [rad/s], then means, smallest and largest values of the coordinates, and the area that each goes round
-    with the next one and their product, relative to the range of the next: they tell waves of one shape that run in
-    different directions.
+    Frequency [rad/s], then means, smallest and largest values of the coordinates, and sums over the harmonics of the
+    sine and the cosine of the angle between each and the next one, times their amplitudes, relative to the range of the
+    next. The latter tell waves of one shape that run in different directions.
     """
     q, c = samples(orbit), orbit.coefficients
     low, high = q.min(axis=0), q.max(axis=0)
-    cos, sin, h = c[1::2], c[2::2], np.arange(1, orbit.H + 1)[:, None]
+    cos, sin = c[1::2], c[2::2]
     cos_next, sin_next = (np.roll(a, -1, axis=1) for a in (cos, sin))
     next_range = np.roll(np.maximum(high - low, 1e-6 * np.ptp(q, axis=0).max(initial=1e-300)), -1)
-    area, product = (h * (cos * sin_next - sin * cos_next)).sum(axis=0), (cos * cos_next + sin * sin_next).sum(axis=0)
-    return np.concatenate([[orbit.omega], c[0], low, high, area / next_range, product / next_range])
+    across, along = (cos * sin_next - sin * cos_next).sum(axis=0), (cos * cos_next + sin * sin_next).sum(axis=0)
+    return np.concatenate([[orbit.omega], c[0], low, high, across / next_range, along / next_range])
 
 
 def samples(orbit: Orbit) -> Array:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.branches.cycle_curve import CycleCurve
-from hbbogie.branches.first_cycle import check_kept
+from hbbogie.errors import ModelError
+from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
@@ -75,7 +76,7 @@ def first_beyond(curve: CycleCurve, special: SpecialPoint) -> tuple[Point, bool]
     p = curve.problem.p.copy()
     p[place] = guess.parameters[special.parameter]
     z = equations.encode(guess)
-    check_kept(equations, f"beyond the {special.kind}", guess, p)
+    _check_kept(equations, special, guess, z, p)
     y = np.append(z, p[place])
     both = special.kind != "period doubling"
     if both:
@@ -96,3 +97,19 @@ def first_beyond(curve: CycleCurve, special: SpecialPoint) -> tuple[Point, bool]
             guess,
         )
     return found, False
+
+
+def _check_kept(equations: Equations, special: SpecialPoint, guess: Orbit, z: Array, p: Array) -> None:
+    """Raise `ModelError` when the equations keep odd harmonics only and the new cycles have even ones."""
+    kept, wanted = (np.abs(_even(c)).max() for c in (equations.coefficients(z, p).full(), guess.coefficients))
+    if kept < 0.5 * wanted:
+        raise ModelError(
+            f"trace: cycles beyond the {special.kind} have a mean and even harmonics, which "
+            f"{equations.method} leave out; give HarmonicBalance(..., odd=False).equations(system)."
+        )
+
+
+def _even(coefficients: Array) -> Array:
+    """Return the mean and the even harmonics."""
+    H = fourier.highest(coefficients)
+    return np.asarray(coefficients[[0, *(r for h in range(2, H + 1, 2) for r in (2 * h - 1, 2 * h))]])

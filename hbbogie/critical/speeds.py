@@ -7,7 +7,6 @@ from typing import Any
 
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import extent
-from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
@@ -16,6 +15,7 @@ from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.exact.critical import fold_near
 from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
 from hbbogie.results.branch import SpecialPoint
@@ -73,6 +73,7 @@ def critical_speeds(
     # the branch of a fold inside may begin at a Hopf point beyond the end
     around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)
     span = check_interval(system, parameter, around)
+    coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
     found: list[Critical] = []
     located: list[SpecialPoint] = []
     points = hopf_points(system, parameter, span, start=start)
@@ -82,14 +83,7 @@ def critical_speeds(
         if lo <= hopf.value <= hi:
             found.append(hopf_gradient(system, hopf))
         try:
-            branch = trace(
-                balance_about(system, min(harmonics, COARSE), hopf.orbit),
-                hopf,
-                parameter,
-                span,
-                families=False,
-                stability=False,
-            )
+            branch = trace(coarse, hopf, parameter, span, families=False, stability=False)
         except (ConvergenceError, ModelError) as error:  # no cycle of the kept harmonics begins here
             evidence.append(f"{name} was not followed: {error}")
             continue
@@ -97,9 +91,7 @@ def critical_speeds(
         # a branch between two Hopf points is traced from both
         located += [new for new in branch.folds() if not any(coincide(new, other) for other in located)]
     for special in located:
-        critical = _refined(
-            system, _polished(balance_about(system, harmonics, special.orbit), special), special, harmonics
-        )
+        critical = _refined(system, _polished(fine, special), special, harmonics)
         if lo <= critical.value <= hi and not any(coincide(critical, other) for other in found):
             found.append(critical)
     return CriticalValues(sorted(found, key=lambda c: c.value), evidence)
@@ -139,7 +131,7 @@ def _refined(system: System, critical: Critical, special: SpecialPoint, harmonic
     if doubt:
         H = 2 * harmonics + 1
         try:
-            finer = fold(balance_about(system, H, critical.orbit), critical.orbit, critical.parameter, search=False)
+            finer = fold(HarmonicBalance(H).equations(system), critical.orbit, critical.parameter, search=False)
         except FAILURES:
             return replace(critical, status=f"{critical.status}; {doubt}, there is no such fold near by with {H}")
         coarse, before, critical = critical.value, harmonics, finer

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.branches.first_cycle import balance_about
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import Critical
 from hbbogie.critical.hopf_gradients import hopf_gradient
@@ -16,6 +15,7 @@ from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.exact.critical import nominal_design
 from hbbogie.exact.starting import cycle_of
+from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
@@ -83,13 +83,14 @@ def smallest_critical(
             "evidence": "; ".join(points.evidence),
             "status": f"no Hopf point {where}, and no branch to look for a fold on",
         }
+    equations = HarmonicBalance(harmonics).equations(system)
     hopf = hopf_gradient(system, points[0])
     if search == "all":
-        followed = [all_folds(balance_about(system, harmonics, h.orbit), h, span) for h in points]
+        followed = [all_folds(equations, h, span) for h in points]
     elif search == "warm" and len(points) == 1:
-        followed = [warm_fold(balance_about(system, harmonics, points[0].orbit), points[0], span)]
+        followed = [warm_fold(equations, points[0], span)]
     else:
-        followed = [lowest_fold(balance_about(system, harmonics, h.orbit), h, span, hopf.value) for h in points]
+        followed = [lowest_fold(equations, h, span, hopf.value) for h in points]
     folds = [c for f in followed for c in f.folds]
     if search != "all":
         folds, where = [c for c in folds if c.value < hopf.value], f"from {span[0]:g} to the Hopf point"

@@ -18,9 +18,9 @@ from hbbogie.branches.comparison import compare as compare_methods
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.branches.cycles import find_cycles
-from hbbogie.branches.first_cycle import balance_about
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, unknown_name
+from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.problem import load_problem
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
@@ -89,7 +89,7 @@ def branch(
     points = hopf_points(system, parameter, span)
     if not points:
         return {"folds": 0, "points": 0, "status": f"no Hopf point from {span[0]:g} to {span[1]:g}"}
-    equations = balance_about(system, harmonics, points[0].orbit)
+    equations = HarmonicBalance(harmonics).equations(system)
     traced = trace(equations, points[0], parameter, span, families=False, stability=False)
     outputs: Outputs = {"hopf": points[0].value, "folds": len(traced.folds()), "points": len(traced)}
     outputs |= {"lowest": traced.values.min(), "highest": traced.values.max()}

@@ -251,9 +251,6 @@ def test_branches_about_another_equilibrium_of_an_odd_system():
     assert sum("from the branch from the Hopf point at alpha = 6.57774721" in s for s in found.evidence) == 2
     one, other = (o.coefficients[0, 0] for o in found)
     assert one == pytest.approx(-other, rel=1e-6) and one != 0
-    hopf = hb.hopf_points(system, "alpha", (6.0, 8.0))[0]
-    with pytest.raises(hb.ModelError, match="odd=False"):
-        hb.trace(hb.HarmonicBalance(5).equations(system), hopf, "alpha", (6.0, 8.0))
 
 
 def test_running_motions_are_named():
