@@ -47,8 +47,8 @@ def van_der_pol_harmonics() -> Figure:
                 cycle = hb.solve(balance, coarse, tolerance=1e-13, mu=published.mu)
                 errors.append(abs(cycle.period / published.period - 1))
             ax.semilogy(orders, np.maximum(errors, 1e-16), "o-", ms=4, label=f"mu = {published.mu:g}")
-        ax.set_xlabel("highest harmonic H [1]")
-        ax.set_ylabel("relative error of the period [1]")
+        ax.set_xlabel("highest harmonic H")
+        ax.set_ylabel("relative error of the period")
         ax.legend()
     return figure
 
@@ -69,7 +69,7 @@ def stop_branch() -> Figure:
     labels = ["stops at 0.5 m", "no stops"]
     ax = plot.branch(curves, y="x", labels=labels, parameter_label="damping d [N s/m]")
     ax.axhline(0.5, color="#888888", lw=0.8, ls=":")
-    ax.set_ylim(0, 1.3)
+    ax.set_ylim(-0.03, 1.3)
     return plot.figure_of(ax)
 
 
@@ -108,7 +108,7 @@ def bogie_chart() -> Figure:
     figure, ((top,), (bottom,)) = plot.panels(2, 1, (6.6, 6.4))
     plot.chart(found, top).set_xlabel("")
     plot.coexistence_width(found, bottom)
-    return figure
+    return plot.one_legend(figure)
 
 
 def bogie_cusps() -> Figure:
@@ -130,8 +130,8 @@ def attraction() -> Figure:
             verdict, size = cycle.stability.verdict, abs(found.predicted)
             ax.semilogy(k, np.abs(found.shares), "o", color=colour, label=f"{verdict} cycle, simulated")
             ax.semilogy(k, size**k, "-", lw=1.2, color=colour, label=f"multiplier {size:.4f} per period")
-        ax.set_xlabel("periods [1]")
-        ax.set_ylabel("disturbance along the critical mode [1]")
+        ax.set_xlabel("periods")
+        ax.set_ylabel("disturbance along the critical mode")
         ax.legend()
     return figure
 
@@ -180,7 +180,7 @@ def main(wanted: list[str]) -> None:
             for name in chosen:
                 own_name = "basin" if name == "released" else name
                 save(figures[own_name](), f"yang1995_{name}")
-    chosen = [n for n in ("bifurcation", "scatter") if not wanted or f"design_{n}" in wanted]
+    chosen = [n for n in ("bifurcation", "distribution") if not wanted or f"design_{n}" in wanted]
     if chosen:
         redesigned = hb.load_problem("yang1995_design")
         figures = design_of(redesigned, redesigned.SYSTEM(), samples=200).figures

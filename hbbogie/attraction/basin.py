@@ -16,7 +16,7 @@ from hbbogie.attraction.endings import Ends, Place, decide, place_of, states_of,
 from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.branches.judging import stability_of
 from hbbogie.branches.same import once_each
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import default_reach
@@ -34,6 +34,7 @@ PERIODS = 130  # for which a motion is followed by default
 MOTIONS = 32  # in one task; one call of the mapped integrator advances them all
 
 
+@door(system=System, parameter=str)
 def find_basin(
     system: System,
     parameter: str,

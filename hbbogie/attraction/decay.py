@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError, positive
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import simulate
 from hbbogie.results import Orbit
@@ -58,7 +59,10 @@ class Attraction:
     disturbance: float
     status: str
 
+    __repr__ = brief
 
+
+@door(system=System, orbit=Orbit)
 def measure_attraction(
     system: System, orbit: Orbit, *, disturbance: float = 1e-4, tolerance: float = 1e-11, polish: bool = True
 ) -> Attraction:

@@ -14,7 +14,7 @@ from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.branches.judging import stability_of
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
@@ -30,6 +30,7 @@ DISTURBANCE = 1e-2  # at the start of a rise, in units of the level
 SAMPLES = 201  # samples of the linear growth rate over the range
 
 
+@door(system=System, parameter=str)
 def find_hysteresis(
     system: System,
     parameter: str,

@@ -14,8 +14,9 @@ import numpy as np
 from hbbogie.branches.closed_form import exact_branch, exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
+from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door, several
 from hbbogie.exact.model import switched_linear
 from hbbogie.methods.describing_balance import DescribingFunction
 from hbbogie.methods.equations import Equations
@@ -51,6 +52,8 @@ class TracedBranch:
     building: float
     tracing: float
     cycles: Callable[[float], Iterator[tuple[int, Orbit]]]
+
+    __repr__ = brief
 
     @property
     def fold(self) -> float | None:
@@ -106,6 +109,8 @@ class Compared:
     orbits: dict[str, Orbit | None]
     seconds: dict[str, float]
 
+    __repr__ = brief
+
     def error(self, method: str, quantity: Callable[[Orbit], float]) -> float | None:
         """Return the relative error of a quantity [%]; None where the method has no cycle."""
         orbit = self.orbits[method]
@@ -134,6 +139,8 @@ class Comparison:
     methods: dict[str, TracedBranch]
     truth: str
     rows: tuple[Compared, ...]
+
+    __repr__ = brief
 
     @property
     def approximations(self) -> tuple[str, ...]:
@@ -165,7 +172,8 @@ def method_named(name: str) -> HarmonicBalance | DescribingFunction:
 
 def check_methods(names: Iterable[str]) -> list[str]:
     """Return the names of methods in small letters, each once; raise `ModelError` where one is unknown."""
-    chosen = list(dict.fromkeys(name.strip().casefold() for name in names))
+    given = several("methods, such as ['df1', 'mhb15']", names, str)
+    chosen = list(dict.fromkeys(name.strip().casefold() for name in given))
     for name in chosen:
         if name != EXACT:
             method_named(name)
@@ -192,6 +200,7 @@ def trace_by_method(system: System, name: str, hopf: SpecialPoint, interval: tup
     return TracedBranch(name, branch, built - start, tracing, partial(_cycles, equations, branch))
 
 
+@door(system=System, parameter=str, values=(list, tuple, np.ndarray))
 def compare(
     system: System,
     methods: Sequence[str] = DEFAULT_METHODS,

@@ -14,10 +14,10 @@ from hbbogie.branches.closed_form import exact_trace
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
-from hbbogie.branches.motions import cycle_after
+from hbbogie.branches.motions import STATES, cycle_after
 from hbbogie.branches.switching import first_beyond
 from hbbogie.equilibria.census import Start
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
@@ -35,6 +35,7 @@ SHORTEST = 1e-7  # step at which the continuation gives up
 CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
 
 
+@door(equations=(Equations, ExactEquations), start=(Orbit, SpecialPoint, *STATES), parameter=str)
 def trace(
     equations: Equations | ExactEquations,
     start: Orbit | SpecialPoint | Start,

@@ -12,10 +12,10 @@ from hbbogie.branches.judging import verified
 from hbbogie.branches.same import once_each, samples
 from hbbogie.branches.simulated import NEAR, settled_cycles
 from hbbogie.equilibria.census import Start
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import Cycles, Orbit
 from hbbogie.results.failure import ConvergenceError
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
 
 
+@door(system=System, parameter=str)
 def find_cycles(
     system: System,
     *,
@@ -94,14 +95,14 @@ def find_cycles(
     (6.663, 'stable')
     """
     system = system.with_parameters(**values)
-    name = parameter or next(iter(values), None) or next(iter(system.parameter_names), None)
+    name = next(iter([*values, *system.parameter_names]), None) if parameter is None else parameter
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
-    if harmonics != "auto" and not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        raise ModelError(f"find_cycles: harmonics={harmonics!r}; give a whole number from 1, or 'auto'.")
+    if not isinstance(harmonics, str) or harmonics != "auto":
+        harmonics = whole("find_cycles: harmonics (a number or 'auto')", harmonics)
     tolerance = positive("tolerance", tolerance, "1")
     name = system.parameter(name).name
-    interval = check_interval(system, name, interval or default_reach(system, name))
+    interval = check_interval(system, name, interval)
     census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
     census.follow_branches()
     census.simulate()

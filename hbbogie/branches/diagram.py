@@ -14,8 +14,9 @@ from hbbogie.branches.cycles import ORDERS, find_cycles
 from hbbogie.branches.judging import estimate, stability_of
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import settled_cycles
+from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
@@ -57,7 +58,10 @@ class Diagram:
     cycles: list[Orbit]
     notes: tuple[str, ...]
 
+    __repr__ = brief
 
+
+@door(system=System, parameter=str)
 def bifurcation_diagram(
     system: System,
     parameter: str,

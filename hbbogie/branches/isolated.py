@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
 from hbbogie.equilibria.linearisation import Linearisation
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
 from hbbogie.model.ranges import check_interval
 from hbbogie.results import Branch, Orbit
@@ -25,6 +25,7 @@ AWAY = 0.05  # distance to be kept from what is known, in units of the scales
 KEPT_OUT = 40  # points of each known branch that are kept out
 
 
+@door(equations=Equations, parameter=str)
 def isolated_branches(
     equations: Equations,
     parameter: str,
@@ -100,6 +101,7 @@ def _random_cycle(equations: Equations, parameter: str, value: float, random: np
     return Orbit(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=units,
         coefficients=c,
         omega=float(eigenvalues[0].imag),

@@ -9,9 +9,9 @@ import numpy as np
 
 from hbbogie import fourier
 from hbbogie.model.system import System
+from hbbogie.results import Orbit, Stability
 from hbbogie.results.branch import Branch
 from hbbogie.results.failure import FAILURES, ConvergenceError
-from hbbogie.results.orbit import Orbit, Stability
 from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.verification import verify
 

@@ -13,6 +13,7 @@ from hbbogie import fourier
 from hbbogie.branches.same import BLOCKS, of_prime_period, signature
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.rest import angles_of
+from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.motion.integration import initial_state, states_after
 from hbbogie.results import Orbit, Trajectory
@@ -28,6 +29,7 @@ RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
 TURN = 2 * np.pi
+STATES = (Trajectory, dict, list, tuple, np.ndarray)  # types of what gives a state
 HARMONICS = 255  # of the recurrence, at most
 AROUND, FINE = 4, 200  # samples on each side of a recurrence, and places looked at between two of them
 CANDIDATES = 6  # samples near which the end of a motion may be met before
@@ -70,8 +72,14 @@ def state_of(system: System, start: Start) -> Array:
     if isinstance(start, Orbit | Trajectory | dict):
         return initial_state(system, start)[1]
     x = np.zeros(system.n_states)
-    given = np.asarray(start, dtype=float).ravel()
-    x[: len(given)] = given
+    try:
+        given = np.asarray(start, dtype=float).ravel()
+        x[: len(given)] = given
+    except (TypeError, ValueError):
+        raise ModelError(
+            f"start: got {start!r}; give a state of {system.n} or {system.n_states} numbers, values by name, a "
+            "trajectory, an orbit or a special point."
+        ) from None
     return x
 
 
@@ -229,6 +237,7 @@ def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Or
     return Orbit(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
         coefficients=fourier.analysis(H, N) @ q,
         omega=2 * np.pi / (back * h),

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import os
 from collections.abc import Callable
+from contextvars import ContextVar
+from enum import StrEnum
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+from typer.core import TyperCommand
+
+from hbbogie.errors import ModelError
 
 if TYPE_CHECKING:
     from hbbogie.model.system import System
@@ -52,6 +58,40 @@ ParameterName = Annotated[
 ]
 
 
+class Strict(TyperCommand):
+    """A command that refuses an option given twice where only the last would count."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments."""
+        given = [word.partition("=")[0] for word in args]
+        for option in self.params:
+            single = not getattr(option, "multiple", False) and not getattr(option, "is_flag", False)
+            if single and (twice := [name for name in option.opts if name.startswith("-") and given.count(name) > 1]):
+                raise ModelError(f"{twice[0]} is given twice; leave one out.")
+        return super().parse_args(ctx, args)
+
+
+class Form(StrEnum):
+    """Of the figures."""
+
+    png = "png"
+    pdf = "pdf"
+    svg = "svg"
+
+
+# options of every command that writes figures, with their defaults
+FIGURE_OPTIONS: dict[str, tuple[Any, Any]] = {
+    "form": (Annotated[Form, typer.Option("--format", help="Of the figures.")], Form.png),
+    "no_figures": (Annotated[bool, typer.Option("--no-figures", help="Write tables and branches only.")], False),
+}
+figures_wanted: ContextVar[dict[str, Any]] = ContextVar("figures_wanted")  # by the command that runs
+
+
+def written(report: Report, folder: Path, progress: Any) -> list[Path]:
+    """Write a report with its figures as the options of the command say."""
+    return report.write(folder, progress, **figures_wanted.get())
+
+
 def examples(*lines: str) -> str:
     """Return the text below the help of a command."""
     return "\n\n".join(["Examples:", *lines])
@@ -61,13 +101,23 @@ def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., No
     """Make a function a command with examples, whose errors are printed as sentences."""
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
+        writes = function.__annotations__.get("output") in ("Output", "MaybeOutput")
+
         @functools.wraps(function)
         def run(*args: Any, **kwargs: Any) -> None:
             from hbbogie.commandline.terminal import guarded
 
+            options = {name: kwargs.pop(name) for name in FIGURE_OPTIONS if name in kwargs}
+            figures_wanted.set({"form": str(options.get("form", Form.png)), "figures": not options.get("no_figures")})
             guarded(function, args, kwargs)
 
-        return group.command(epilog=examples(*lines))(run)
+        if writes:
+            kind, hints = inspect.Parameter.KEYWORD_ONLY, get_type_hints(function, include_extras=True)
+            own = [p.replace(annotation=hints[n]) for n, p in inspect.signature(function).parameters.items()]
+            own += [inspect.Parameter(n, kind, default=d, annotation=a) for n, (a, d) in FIGURE_OPTIONS.items()]
+            run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+            run.__annotations__ = {p.name: p.annotation for p in own}
+        return group.command(epilog=examples(*lines), cls=Strict)(run)
 
     return register
 
@@ -109,5 +159,5 @@ def do(name: str, overrides: list[str] | None, output: Path, as_json: bool, job:
     check_directory(output)
     with progress_shown() as progress:
         found = job(module, system, progress)
-        files = found.write(output, progress)
+        files = written(found, output, progress)
     deliver(found, files, as_json)

@@ -23,6 +23,7 @@ from hbbogie.commandline.application import (
     command,
     do,
     load,
+    written,
 )
 from hbbogie.errors import ModelError
 
@@ -87,7 +88,7 @@ def branch(
             system, parameter, limits, harmonics=harmonics or "auto", stability=stability, progress=progress
         )
         found = report_of_diagram(system, traced)
-        files = found.write(output, progress)
+        files = written(found, output, progress)
     deliver(found, files, as_json)
 
 
@@ -123,7 +124,7 @@ def cycles(
         progress("looking for cycles", None)
         cycles = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics or "auto")
         found = report_of_cycles(system, parameter, cycles, hill=hill)
-        files = [] if output is None else found.write(output, progress)
+        files = [] if output is None else written(found, output, progress)
     deliver(found, files, as_json)
 
 
@@ -157,7 +158,7 @@ def simulate(
     check_directory(output)
     with progress_shown() as progress:
         found = simulated(system, initial, duration, method=method, step=step, progress=progress)
-        files = found.write(output, progress)
+        files = written(found, output, progress)
     deliver(found, files, as_json)
 
 
@@ -213,6 +214,9 @@ def main() -> None:
         code = app(prog_name="hbbogie", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
+    except ModelError as error:
+        print_error(str(error), "--json" in sys.argv, "UsageError")
+        sys.exit(WRONG_INPUT)
     except Exception as error:
         if not hasattr(error, "format_message"):  # not one of wrong usage
             raise

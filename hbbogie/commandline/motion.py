@@ -18,6 +18,7 @@ from hbbogie.commandline.application import (
     command,
     do,
     load,
+    written,
 )
 
 
@@ -70,7 +71,7 @@ def basin(
             duration=duration,
             workers=cores() if workers is None else workers,
         )
-        files = found.write(folder, progress)
+        files = written(found, folder, progress)
         scan.save(folder / "basin.nc")
     deliver(found, [*files, folder / "basin.nc"], as_json)
 

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from hbbogie.reports.table import Table
 
 WRONG_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 2, 1, 130  # exit codes
-WIDTH = 120  # of the output where it does not go to a terminal
+WIDTH = 100  # of the output where it does not go to a terminal
 FEW_ROWS = 6  # a table too wide for the terminal is turned where it has no more rows than this
 
 
@@ -130,33 +131,60 @@ def stdout_aside() -> Iterator[None]:
 
 
 def print_table(table: Table, out: Console) -> None:
-    """Print a table; one that is too wide and has few rows with a column for each row."""
-    from rich import box
-    from rich.table import Table as Grid
+    """Print a table; one that is too wide is turned where it has few rows, else printed in parts by subject."""
     from rich.text import Text
 
     header, cells = list(table.columns), table.cells()
     numeric = [any(isinstance(row[i], int | float) for row in table.rows) for i in range(len(header))]
     widest = [max(len(text) for text in column) for column in zip(header, *cells, strict=True)]
-    turned = sum(widest) + 3 * len(widest) > out.width and len(cells) <= FEW_ROWS
-    grid = Grid(box=box.SIMPLE_HEAD)
-    if turned:
+    if sum(widest) + 3 * len(widest) > out.width and len(cells) <= FEW_ROWS:
         header, *cells = [list(column) for column in zip(header, *cells, strict=True)]
         numeric = [False, *[True] * (len(header) - 1)]
-    needed = 2 + 3 * len(header)
+    out.print(Text(table.title, style="bold"))
+    for part in _parts(header, cells, numeric, out.width):
+        _print_grid([[row[i] for i in part] for row in (header, *cells)], [numeric[i] for i in part], out)
+    for note in table.notes:
+        out.print(Text(note, style="dim"), soft_wrap=False)
+
+
+def _least(header: str, entries: Sequence[str], numeric: bool) -> int:
+    """Return the least width of a column: headers and sentences are broken between words, numbers never."""
+    words = [*header.split(), *(entries if numeric else " ".join(entries).split())]
+    return max(map(len, words), default=0)
+
+
+def _parts(header: list[str], cells: list[list[str]], numeric: list[bool], width: int) -> list[list[int]]:
+    """Divide the columns into parts that fit a width, each with the first column, and subjects together where they fit.
+
+    The subject of a column is the first word of its header.
+    """
+    needed = [3 + _least(h, [row[i] for row in cells], n) for i, (h, n) in enumerate(zip(header, numeric, strict=True))]
+    room = width - 2 - needed[0]
+    subjects = [list(run) for _, run in groupby(range(1, len(header)), key=lambda i: header[i].split()[:1])]
+    fits = all(sum(needed[i] for i in subject) <= room for subject in subjects)
+    blocks = subjects if fits else [[i] for i in range(1, len(header))]
+    parts: list[list[int]] = [[]]
+    for block in blocks:
+        if parts[-1] and sum(needed[i] for i in (*parts[-1], *block)) > room:
+            parts.append([])
+        parts[-1] += block
+    return [[0, *part] for part in parts]
+
+
+def _print_grid(rows: list[list[str]], numeric: list[bool], out: Console) -> None:
+    from rich import box
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    header, *cells = rows
+    grid, needed = Grid(box=box.SIMPLE_HEAD), 2 + 3 * len(header)
     for i, (text, right) in enumerate(zip(header, numeric, strict=True)):
-        entries = [row[i] for row in cells]
-        # headers and sentences are broken between words, numbers never
-        words = [*text.split(), *(entries if right else " ".join(entries).split())]
-        least = max(map(len, words), default=0)
+        least = _least(text, [row[i] for row in cells], right)
         needed += least
         grid.add_column(Text(text), justify="right" if right else "left", min_width=least)
     for row in cells:
         grid.add_row(*map(Text, row))
-    out.print(Text(table.title, style="bold"))
     out.print(grid, width=max(needed, out.width), crop=False, overflow="ignore", no_wrap=needed > out.width)
-    for note in table.notes:
-        out.print(Text(note, style="dim"), soft_wrap=False)
 
 
 def deliver(report: Report, files: Sequence[Path], as_json: bool, extra: Mapping[str, Any] | None = None) -> None:

@@ -9,9 +9,11 @@ import numpy as np
 
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
+from hbbogie.brief import brief
 from hbbogie.critical.folds import Critical
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
+from hbbogie.errors import door
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import default_reach
@@ -40,7 +42,10 @@ class Coexistence:
     interval: tuple[float, float]
     thresholds: tuple[Orbit, ...]
 
+    __repr__ = brief
 
+
+@door(system=System)
 def coexistence(
     system: System, critical: Sequence[Critical], *, points: int = 7, harmonics: int = 15
 ) -> list[Coexistence]:

@@ -16,10 +16,10 @@ from hbbogie.critical.fold_curve import FoldCurve
 from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane, unresolved
 from hbbogie.critical.hopf_curve import HopfCurve
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door, whole
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results import Chart, ChartPoint, CriticalCurve, SpecialPoint
@@ -38,6 +38,7 @@ UNDECIDED = 1e-12  # Lyapunov coefficient that counts as zero
 CORNERS = 3  # grazing contacts that a curve of folds is followed across
 
 
+@door(system=System, parameter=str, over=str)
 def chart(
     system: System,
     parameter: str,
@@ -93,13 +94,12 @@ def chart(
     system = system.with_parameters(**values)
     if parameter == over:
         raise ModelError(f"chart: both parameters are {parameter!r}; give two different ones.")
-    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        raise ModelError(f"chart: harmonics={harmonics!r}; cycles need at least one, give a whole number from 1.")
+    whole("chart: harmonics", harmonics)
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")
     window = (
-        check_interval(system, parameter, span or default_reach(system, parameter)),
-        check_interval(system, over, interval or default_reach(system, over)),
+        check_interval(system, parameter, span),
+        check_interval(system, over, interval),
     )
     equations = HarmonicBalance(harmonics).equations(system)
     search = _Search(equations, (parameter, over), window, longest)

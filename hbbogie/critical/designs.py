@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.errors import ModelError
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, door
 from hbbogie.exact.critical import critical_values
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
@@ -51,12 +52,15 @@ class CriticalDesigns:
     failed: NDArray[np.bool_]
     status: tuple[str, ...]
 
+    __repr__ = brief
+
     @property
     def critical(self) -> Array:
         """The smaller of fold and Hopf point, shape (D,), unit of the parameter; NaN also where it is not known."""
         return np.where(self.failed, np.nan, np.fmin(self.fold, self.hopf))
 
 
+@door(system=System, points=Mapping, parameter=str)
 def critical_speeds_of(
     system: System,
     points: Mapping[str, ArrayLike],

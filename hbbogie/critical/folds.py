@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Critical, Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
@@ -23,6 +23,7 @@ FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its valu
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
+@door(equations=Equations, guess=(Orbit, SpecialPoint), parameter=str)
 def fold(
     equations: Equations,
     guess: Orbit | SpecialPoint,

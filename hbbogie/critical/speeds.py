@@ -12,11 +12,11 @@ from hbbogie.critical.folds import fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.exact.critical import fold_near
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results.branch import SpecialPoint
 from hbbogie.results.critical import Critical, CriticalValues
@@ -28,6 +28,7 @@ SAME = 1e-7  # relative distance in value and frequency below which two points a
 COARSE = 15  # highest harmonic with which branches are traced in search of folds
 
 
+@door(system=System, parameter=str)
 def critical_speeds(
     system: System,
     parameter: str = "V",
@@ -69,7 +70,7 @@ def critical_speeds(
     system = system.with_parameters(**values)
     if harmonics == 0:
         raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
-    lo, hi = check_interval(system, parameter, interval or default_reach(system, parameter))
+    lo, hi = check_interval(system, parameter, interval)
     # the branch of a fold inside may begin at a Hopf point beyond the end
     around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)
     span = check_interval(system, parameter, around)

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.first_cycle import first_cycle
+from hbbogie.brief import brief
 from hbbogie.design.misfit import IGNORED, Measured, Misfit, Parametrisation
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
@@ -71,7 +72,10 @@ class Identification:
     orbits: tuple[Orbit, ...]
     status: str
 
+    __repr__ = brief
 
+
+@door(equations=Equations, rows=Sequence, sigma=Mapping)
 def identify(
     equations: Equations,
     rows: Sequence[Mapping[str, float | None]],

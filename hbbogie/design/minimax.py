@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.results.failure import FAILURES, ConvergenceError
 
 Array = NDArray[np.float64]
@@ -51,6 +52,8 @@ class Sample(Generic[T]):
     slopes: dict[str, Array]
     point: T
     curvatures: dict[str, Callable[[], Array]] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def largest(self) -> float:
@@ -92,6 +95,8 @@ class Minimum(Generic[T]):
     converged: bool
     status: str
     history: list[tuple[float, float, float]] = field(default_factory=list)
+
+    __repr__ = brief
 
 
 def minimise_largest(

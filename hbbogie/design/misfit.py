@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
@@ -42,6 +43,8 @@ class Parametrisation:
 
     start: Mapping[str, float]
     parameters: Callable[..., Mapping[str, Any]]
+
+    __repr__ = brief
 
 
 class Measured:

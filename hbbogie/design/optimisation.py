@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbbogie.brief import brief
 from hbbogie.design.criteria import Limit, Quantity
 from hbbogie.design.minimax import Minimum
 from hbbogie.design.point import DesignPoint
 from hbbogie.design.task import DesignTask
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results.failure import FAILURES, ConvergenceError
@@ -42,6 +43,8 @@ class Active:
     unit: str
     side: str
     multiplier: float
+
+    __repr__ = brief
 
     @property
     def per_percent(self) -> float:
@@ -116,6 +119,8 @@ class Design:
     history: list[tuple[float, float]]
     starts: tuple[Start, ...]
 
+    __repr__ = brief
+
     @property
     def system(self) -> System:
         """The system with the optimised parameters."""
@@ -127,6 +132,7 @@ class Design:
         return {name: self.system.values[name] for name in self.over}
 
 
+@door(system=System, raise_=str, over=Mapping)
 def optimise(
     system: System,
     *,

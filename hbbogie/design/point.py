@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.crossing import branches_from_hopf, crossings
+from hbbogie.brief import brief
 from hbbogie.critical.curvature import critical_hessian
 from hbbogie.critical.folds import Critical, fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
@@ -72,6 +73,8 @@ class DesignPoint:
     interval: tuple[float, float]
     critical: tuple[Critical, ...]
     kept: dict[Any, Orbit] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def value(self) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from hbbogie.brief import brief
 from hbbogie.design.point import DesignPoint, Row, critical_rows, design_point
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
@@ -40,6 +41,8 @@ class Uncertainty:
 
     factors: Mapping[str, Any]
     correlation: ArrayLike | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         k = len(self.factors)
@@ -102,6 +105,8 @@ class Spread:
     slopes: Array
     curvatures: Array
     uncertainty: Uncertainty
+
+    __repr__ = brief
 
     @property
     def first_order(self) -> tuple[float, float]:
@@ -180,6 +185,8 @@ class RobustValue:
     k: float = 2.0
     unit: str = ""
 
+    __repr__ = brief
+
     @classmethod
     def quantile(cls, uncertainty: Uncertainty, q: float, unit: str = "") -> RobustValue:
         """Return the q-quantile of every critical value in the normal approximation, such as q = 0.05.
@@ -235,6 +242,8 @@ class MonteCarlo:
 
     factors: Array
     values: Array
+
+    __repr__ = brief
 
     @property
     def failed(self) -> int:

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.critical.curvature import HopfConditions, hopf_conditions
 from hbbogie.critical.folds import Critical
 from hbbogie.design.criteria import Expression, Limit
@@ -53,6 +54,8 @@ class SingleLevel:
     multipliers: dict[str, float]
     converged: bool
     status: str
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from hbbogie.design.criteria import CriticalValue, Limit, Quantity
 from hbbogie.design.minimax import Minimum, Sample, minimise_largest
 from hbbogie.design.point import DesignPoint, Row, design_point
 from hbbogie.errors import ModelError
-from hbbogie.model.ranges import check_interval, default_reach
+from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress
 from hbbogie.results.failure import ConvergenceError
@@ -73,7 +73,7 @@ class DesignTask:
         if not over:
             raise ModelError("optimise: over={} names no parameter to choose; give bounds such as {'K1': (2e6, 5e6)}.")
         self.system, self.parameter, self.over, self.limits = system, system.parameter(raise_).name, over, limits
-        self.interval = check_interval(system, raise_, interval or default_reach(system, raise_))
+        self.interval = check_interval(system, raise_, interval)
         self.harmonics, self.progress, self.stage = harmonics, progress, "optimising"
         self.objective: Quantity = minimise or maximise or CriticalValue(unit=system.parameter(raise_).unit)
         self.sign = 1.0 if minimise is not None else -1.0

@@ -12,6 +12,7 @@ from hbbogie.equilibria.hopf import branch_evidence, hopf_specials, orbit_at
 from hbbogie.equilibria.rest import Rest
 from hbbogie.equilibria.spectrum import ON_AXIS
 from hbbogie.equilibria.turns import crossing
+from hbbogie.errors import door
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import Branch, Equilibria, Orbit, SpecialPoint, Stability
@@ -19,6 +20,7 @@ from hbbogie.results import Branch, Equilibria, Orbit, SpecialPoint, Stability
 Array = NDArray[np.float64]
 
 
+@door(system=System, parameter=str)
 def find_equilibria(
     system: System, parameter: str, interval: tuple[float, float], *, start: Start | None = None
 ) -> Equilibria:

@@ -9,6 +9,7 @@ from hbbogie.equilibria.census import Start, census
 from hbbogie.equilibria.crossings import Crossing, Crossings, crossings
 from hbbogie.equilibria.curve import RestBranch
 from hbbogie.equilibria.rest import Rest
+from hbbogie.errors import door
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import HopfPoints, Orbit, SpecialPoint
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 ZERO = 1e-12  # share of the interval up to which a value is zero
 
 
+@door(system=System, parameter=str)
 def hopf_points(
     system: System, parameter: str, interval: tuple[float, float], *, start: Start | None = None
 ) -> HopfPoints:
@@ -90,7 +92,18 @@ def orbit_at(rest: Rest, value: float, coefficients: Array, omega: float, status
     system = rest.system
     units = tuple(c.unit for c in system.coordinates)
     values = dict(zip(system.parameter_names, map(float, rest.vector(value)), strict=True))
-    return Orbit(system.name, system.coordinate_names, units, coefficients, omega, values, "linearisation", 0.0, status)
+    return Orbit(
+        system.name,
+        system.coordinate_names,
+        units,
+        coefficients,
+        omega,
+        values,
+        "linearisation",
+        0.0,
+        status,
+        naming=system.naming,
+    )
 
 
 def branch_evidence(rest: Rest, branch: RestBranch, found: Crossings) -> list[str]:

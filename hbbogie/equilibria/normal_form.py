@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
 from hbbogie.results import SpecialPoint
 
@@ -17,6 +17,7 @@ WORST = 1e14  # condition number that counts as singular
 STEPS = (1e-5, 1e-6)  # distances from the equilibrium at which one-sided derivatives are compared
 
 
+@door(system=System, hopf=SpecialPoint)
 def first_lyapunov(system: System, hopf: SpecialPoint) -> float:
     """Return the first Lyapunov coefficient of a Hopf point (eq-lyapunov).
 

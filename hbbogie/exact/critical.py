@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.exact.batch import CHUNK, Fold, Nominal, Start, folds_near, solve
@@ -46,6 +47,8 @@ class CriticalValues:
     status: tuple[str, ...]
     failed: NDArray[np.bool_]
 
+    __repr__ = brief
+
     @property
     def fold(self) -> Array:
         """Values of the folds, shape (D,), unit of the parameter; NaN where there is none."""
@@ -84,6 +87,8 @@ class NominalDesign:
     interval: tuple[float, float]
     start: Point
     fold: Nominal | None
+
+    __repr__ = brief
 
     def critical_values(self, points: Array) -> CriticalValues:
         """Find the first Hopf point and the fold below it of many designs; see `critical_values`."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
+from hbbogie.brief import brief
 from hbbogie.stability.exponential import exponentials
 
 Array = NDArray[np.float64]
@@ -50,6 +51,8 @@ class ExactCycle:
     durations: Array
     matrices: Array
     parameters: dict[str, float]
+
+    __repr__ = brief
 
     @property
     def n(self) -> int:

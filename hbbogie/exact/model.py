@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.model.dynamics import state_of
 from hbbogie.model.elements import AttachedLaw
@@ -67,6 +68,8 @@ class SwitchedLinear:
     mirror: NDArray[np.int_] | None
     flips: Bools | None
     first: ca.Function
+
+    __repr__ = brief
 
     @cached_property
     def N(self) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.exact.closing import Closing, Linearised
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ class Point:
     at: Linearised
     kind: str = ""
     along: float | None = None
+
+    __repr__ = brief
 
     @property
     def direction(self) -> float:

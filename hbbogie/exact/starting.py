@@ -243,4 +243,5 @@ def orbit_of(point: Point, H: int = HIGHEST) -> Orbit:
         float(np.abs(point.at.F).max()),
         f"cycle in closed form, {point.closing.sequence.S} phases",
         stabilities(point.closing, point.y[None], point.at)[0],
+        naming=system.naming,
     )

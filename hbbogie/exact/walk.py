@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.exact.changes import across, beyond, rotated, sound
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of
@@ -42,6 +43,8 @@ class Walk:
 
     points: list[Point]
     end: Ending
+
+    __repr__ = brief
 
     def marked(self, kind: str) -> list[Point]:
         """Return the points of a kind: grazing, fold, end; fold not located, not located (a change of the sequence)."""

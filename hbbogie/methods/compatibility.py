@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.equivalent import EquivalentSystem, NeutralMode
 from hbbogie.model.system import System
@@ -77,6 +78,8 @@ class Compatible:
     milliseconds: float
     status: str
     orbit: Orbit
+
+    __repr__ = brief
 
 
 def compatible(
@@ -183,6 +186,7 @@ def _orbit(equivalent: EquivalentSystem, first: int, a1: float, found: NeutralMo
     return Orbit(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
         coefficients=np.array([np.zeros(system.n), mode.real, -mode.imag]),
         omega=found.omega,

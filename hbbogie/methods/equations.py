@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.brief import lines
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.once import Once
@@ -24,6 +25,7 @@ LOPSIDED = 0.01  # mean and even harmonics, relative to the largest coefficient,
 RESTING = 1e-6  # smallest first harmonic, relative to the largest, with which a coordinate can set the phase
 
 
+@runtime_checkable
 class SolvesItself(Protocol):
     """Equations of cycles that do not have the form F(z, p) = 0 of fixed size and bring their own solver."""
 
@@ -96,6 +98,15 @@ class Equations:
     with_even: Callable[[System], Equations] | None = None
     once: Once = field(default_factory=Once, repr=False)
 
+    def __repr__(self) -> str:
+        names, p = self.system.coordinate_names, self.system.values
+        phase = "no phase: equilibria" if self.phase is None else f"phase set by {names[self.phase]}"
+        return lines(
+            f"Equations of {self.system.name} by {self.method}",
+            f"{self.size} unknowns: {', '.join(self.unknowns[:6])}{' ...' * (self.size > 6)}; {phase}",
+            f"at {self.system.naming.values(p)}" if p else "",
+        )
+
     @property
     def size(self) -> int:
         """Number of unknowns, and of equations."""
@@ -155,6 +166,7 @@ class Equations:
         return Orbit(
             system=system.name,
             coordinates=system.coordinate_names,
+            naming=system.naming,
             units=tuple(c.unit for c in system.coordinates),
             coefficients=np.asarray(self.coefficients(z, p).full()),
             omega=float(self.frequency(z)),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.describing_functions import first_order
 from hbbogie.model.symbols import Parameter
@@ -51,6 +52,8 @@ class NeutralMode:
     outputs: Complex
     slope: Array
     rise: float
+
+    __repr__ = brief
 
 
 class EquivalentSystem:

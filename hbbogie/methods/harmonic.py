@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, whole
 from hbbogie.methods.assembly import Assembly
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.layout import Layout, make_layout
@@ -59,8 +59,7 @@ class HarmonicBalance:
     phase: str | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.harmonics, int | np.integer) or self.harmonics < 0:
-            raise ModelError(f"HarmonicBalance: harmonics={self.harmonics!r}; give a whole number from 0.")
+        whole("HarmonicBalance: harmonics", self.harmonics, 0)
         if self.samples is not None and self.samples < 2 * (2 * self.harmonics + 1):
             raise ModelError(
                 f"HarmonicBalance: samples={self.samples} for highest harmonic {self.harmonics}; give at least "

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.methods.compatibility import Compatible, compatible
 from hbbogie.methods.equivalent import EquivalentSystem, NeutralMode
@@ -79,6 +80,8 @@ class HeuristicStability:
     components: tuple[Component, ...]
     others: str
     reason: str
+
+    __repr__ = brief
 
 
 def heuristic_stability(

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, told
 from hbbogie.model.elements import Element, force_of
-from hbbogie.model.scalars import as_expression, told
+from hbbogie.model.scalars import as_expression
 from hbbogie.model.symbols import Coordinate, Parameter
 
 T = TypeVar("T", Coordinate, Parameter, Element)

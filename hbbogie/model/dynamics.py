@@ -10,11 +10,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.model.checks import check_equations, check_names, orders
 from hbbogie.model.elements import AttachedLaw, Element, attach
 from hbbogie.model.symbols import Coordinate, Parameter
 from hbbogie.once import Once
+from hbbogie.results.naming import Naming
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,6 +46,8 @@ class Dynamics:
     second_order: tuple[bool, ...]
     once: Once = field(default_factory=Once, repr=False)
 
+    __repr__ = brief
+
     @property
     def n(self) -> int:
         """Number of coordinates."""
@@ -58,6 +62,11 @@ class Dynamics:
     def defaults(self) -> NDArray[np.float64]:
         """Default values of the parameters, shape (number of parameters,)."""
         return np.array([p.default for p in self.parameters])
+
+    @property
+    def naming(self) -> Naming:
+        """Units and descriptions of coordinates and parameters."""
+        return self.once("naming", lambda: _naming((*self.coordinates, *self.parameters)))
 
     @property
     def residual(self) -> ca.Function:
@@ -123,6 +132,12 @@ def equations_of_motion(
     )
     _check_leading_matrix(found)
     return found
+
+
+def _naming(symbols: Sequence[Coordinate | Parameter]) -> Naming:
+    return Naming(
+        {s.name: s.unit for s in symbols if s.unit}, {s.name: s.description for s in symbols if s.description}
+    )
 
 
 def _with_forces(q: ca.SX, v: ca.SX, a: ca.SX, f: ca.SX, p: ca.SX, r: ca.SX) -> ca.Function:

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.model.laws import Law
 from hbbogie.model.ramps import Ramps, Scalar
@@ -85,6 +86,8 @@ class AttachedLaw:
     describing: Any = None
     reference: Any = None
     polynomial: Any = None
+
+    __repr__ = brief
 
     def gaps(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where the ramps that act at these parameter values begin, those that do not act being infinite.

@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, as_number
 from hbbogie.model.ramps import Ramps, Scalar
 from hbbogie.model.scalars import check_list, check_scalars
@@ -125,6 +126,8 @@ class Tabulated(PiecewiseLinear):
 
     u: Sequence[float]
     forces: Sequence[float]
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         check_list("Tabulated: u", self.u)

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.model.dynamics import Dynamics, linear_matrices
 from hbbogie.model.elements import AttachedLaw
 
@@ -42,6 +43,8 @@ class Parts:
     contacts: tuple[AttachedLaw, ...]
     directions: ca.Function
     nonlinear: tuple[int, ...]
+
+    __repr__ = brief
 
 
 def split(system: Dynamics, contact: bool, *, every_law: bool = False) -> Parts:

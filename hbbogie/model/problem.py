@@ -32,7 +32,8 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.brief import lines
+from hbbogie.errors import ModelError, told, unknown_name
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 
@@ -89,6 +90,7 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
     _forget(name)
     loader = _Source(name, str(path))
     module = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, loader))  # type: ignore[arg-type]
+    module.__class__ = Problem
     module.__dict__["__source_hash__"] = digest
     for folder in getattr(module, "__path__", ()):
         sys.path_importer_cache[folder] = FileFinder(folder, (_Source, [".py"]))
@@ -102,6 +104,24 @@ def load_problem(name_or_path: str | os.PathLike[str]) -> ModuleType:
         _forget(name)
         raise
     return module
+
+
+class Problem(ModuleType):
+    """A problem's module, which says what it holds, and pickles by its file."""
+
+    def __repr__(self) -> str:
+        first = (self.__doc__ or "no description").strip().partition("\n")[0]
+        builder, own, span = (getattr(self, name, None) for name in ("SYSTEM", "PARAMETER", "RANGE"))
+        over = f"parameter {own}" + (f" from {span[0]:g} to {span[1]:g}" if own and span else "")
+        path = Path(str(self.__file__))
+        return lines(
+            f"Problem {(path.parent if path.stem == '__init__' else path).stem!r}: {first}",
+            f"system from .{getattr(builder, '__name__', 'SYSTEM')}(...)" if builder else "no SYSTEM",
+            over if own else "",
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return load_problem, (self.__file__,)
 
 
 class _Source(SourceFileLoader):
@@ -161,6 +181,11 @@ def system_of(module: ModuleType, /, **overrides: Any) -> System:
 
 def _locate(name_or_path: str | os.PathLike[str]) -> Path:
     """Return the resolved path of the file of a problem, which is the ``__init__.py`` of one that is a folder."""
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise ModelError(
+            f"load_problem: got {told(name_or_path)}; give the name of a shipped problem, such as 'yang1995', "
+            "or the path of a .py file."
+        )
     text = os.fspath(name_or_path)
     if text.endswith(".py"):
         path = Path(text).expanduser()
@@ -222,9 +247,12 @@ def _keywords_of(builder: Any, overrides: dict[str, Any]) -> dict[str, Any]:
         parameters = inspect.signature(builder).parameters
     except (TypeError, ValueError):
         return overrides  # a builder without a readable signature: let the call speak
+    taken = [n for n, p in parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    for name in set(taken) & set(overrides):
+        if isinstance(parameters[name].default, bool) and overrides[name] not in (False, True):
+            raise ModelError(f"{name!r} is a switch: got {told(overrides[name])}; give true or false.")
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
         return overrides
-    taken = [n for n, p in parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     return {name: value for name, value in overrides.items() if name in taken}
 
 
@@ -236,7 +264,7 @@ def default_interval(
     Otherwise the system's first parameter, and twice its value (at least 1) to either side, in its bounds.
     """
     own = getattr(module, "PARAMETER", None)
-    name = parameter or own or next(iter(system.parameter_names), None)
+    name = own or next(iter(system.parameter_names), None) if parameter is None else parameter
     if name is None:
         raise ModelError(f"system {system.name!r} has no parameter to vary; give it one.")
     if name == own and hasattr(module, "RANGE"):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, pair
 from hbbogie.model.singular import without_poles
 from hbbogie.model.system import System
 
@@ -22,15 +20,20 @@ def default_reach(system: System, parameter: str) -> tuple[float, float]:
     return without_poles(system, parameter, (max(value - reach, low), min(value + reach, high)))
 
 
-def check_interval(system: System, parameter: str, interval: tuple[float, float]) -> tuple[float, float]:
-    """Return the interval cut to the parameter's bounds; raise `ModelError` when nothing is left of it."""
+def check_interval(system: System, parameter: str, interval: tuple[float, float] | None) -> tuple[float, float]:
+    """Return the interval cut to the parameter's bounds, the default one for None.
+
+    Raises
+    ------
+    ModelError
+        When it is no pair of numbers (low, high), or nothing is left of it within the bounds.
+    """
     low, high = system.parameter(parameter).bounds
-    try:
-        first, last = map(float, interval)
-    except (TypeError, ValueError):
-        raise ModelError(f"interval of {parameter!r}: got {interval!r}; give two numbers (low, high).") from None
+    if interval is None:
+        return default_reach(system, parameter)
+    first, last = pair(f"interval of {parameter!r}", interval)
     lo, hi = max(first, low), min(last, high)
-    if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):
+    if not lo < hi:
         raise ModelError(
             f"interval of {parameter!r}: got ({first:g}, {last:g}); give (low, high) with low < high, "
             f"within the parameter's bounds ({low:g}, {high:g})."

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hbbogie.errors import ModelError, as_number
+from hbbogie.errors import ModelError, as_number, told
 
 
 def as_expression(what: str, given: Any) -> ca.SX:
@@ -33,12 +33,6 @@ def as_expression(what: str, given: Any) -> ca.SX:
     raise ModelError(
         f"{what}: got {told(given)}; give a scalar expression of coordinates and parameters, or a number.{hint}"
     )
-
-
-def told(thing: Any) -> str:
-    """Return what was given, short: plain things as they are written, of others the type."""
-    plain = isinstance(thing, str | int | float | bool | np.bool_ | None)
-    return f"{thing!r}" if plain else f"an object of type {type(thing).__name__}"
 
 
 def check_scalars(law: Any, not_negative: str = "", above_zero: str = "") -> None:

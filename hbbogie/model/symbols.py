@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from keyword import iskeyword
+from textwrap import shorten
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from hbbogie.errors import ModelError, as_number
+from hbbogie.errors import ModelError, as_number, told
 
 # Keywords of the functions that take the values of parameters by name: a parameter of such a name could not be given.
 _KEYWORDS = (
@@ -52,6 +53,8 @@ class Expression(ca.SX):
             "of math cannot take it; write casadi.tanh(x) for math.tanh(x), and the like."
         )
 
+    __int__ = __index__ = __float__
+
     def __array__(self, dtype: Any = None, **options: Any) -> Any:
         if dtype is not None and np.dtype(dtype) != object:
             return np.array(float(self), dtype=dtype)
@@ -80,7 +83,13 @@ def _close(name: str) -> None:
     operator: Any = getattr(ca.SX, name, None)  # not all releases of CasADi have all
 
     def method(self: Expression, *other: Any) -> Any:
-        return _expression(operator(self, *other))
+        result = operator(self, *other)
+        if result is NotImplemented and name not in ("__eq__", "__ne__"):
+            raise ModelError(
+                f"{_short(self)}: got {told(other[0])} on the other side of an operator; give a number, or an "
+                "expression of coordinates and parameters (not of casadi.MX, and without quotes)."
+            )
+        return _expression(result)
 
     if operator is not None:
         setattr(Expression, name, method)
@@ -112,8 +121,8 @@ def check_name(kind: str, name: Any) -> None:
     """Raise `ModelError` unless the name of a coordinate or parameter can be given as a keyword."""
     if not isinstance(name, str) or not name.isidentifier() or iskeyword(name):
         raise ModelError(
-            f"name of a {kind}: got {name!r}; give letters, digits and underscores, no digit first and no keyword of "
-            "Python, such as 'q1'."
+            f"name of a {kind}: got {told(name)}; give letters, digits and underscores, no digit first and no keyword "
+            "of Python, such as 'q1'."
         )
     if kind == "parameter" and name in RESERVED:
         raise ModelError(
@@ -126,7 +135,7 @@ def check_texts(kind: str, name: str, unit: Any, description: Any) -> None:
     """Raise `ModelError` unless unit and description are texts."""
     for what, text in (("unit", unit), ("description", description)):
         if not isinstance(text, str):
-            raise ModelError(f"{kind} {name!r}: got {text!r} as {what}; give a text, such as 'm'.")
+            raise ModelError(f"{kind} {name!r}: got {told(text)} as {what}; give a text, such as 'm'.")
 
 
 def _range(kind: str, name: str, bounds: Any) -> tuple[float, float]:
@@ -137,6 +146,15 @@ def _range(kind: str, name: str, bounds: Any) -> tuple[float, float]:
     if not low < high:
         raise ModelError(f"{kind} {name!r}: got bounds {bounds!r}; give (low, high) with low < high.")
     return low, high
+
+
+def _described(symbol: Coordinate | Parameter, value: str = "") -> str:
+    """Return name, value, unit, description and bounds of a symbol."""
+    low, high = symbol.bounds
+    limits = f" ({low:g} to {high:g})" if np.isfinite([low, high]).any() else ""
+    meaning = f": {shorten(symbol.description, 200, placeholder=' ...')}" if symbol.description else ""
+    unit = f" {symbol.unit}" if value else f" [{symbol.unit}]"
+    return f"{symbol.name}{value}{unit if symbol.unit else ''}{meaning}{limits}"
 
 
 class Coordinate(Expression):
@@ -172,6 +190,9 @@ class Coordinate(Expression):
         self.name, self.unit, self.description = name, unit, description
         self.bounds = _range("coordinate", name, bounds)
         self.dot, self.ddot = (Expression(ca.SX.sym(s)) for s in (f"d({name})/dt", f"d2({name})/dt2"))
+
+    def __repr__(self) -> str:
+        return f"Coordinate {_described(self)}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Coordinate, (self.name, self.unit, self.description, self.bounds)
@@ -210,8 +231,11 @@ class Parameter(Expression):
         super().__init__(ca.SX.sym(name))
         self.name, self.default, self.unit, self.description = name, as_number(default), unit, description
         if not np.isfinite(self.default):
-            raise ModelError(f"parameter {name!r}: got {default!r} as default; give a finite number.")
+            raise ModelError(f"parameter {name!r}: got {told(default)} as default; give a finite number.")
         self.bounds = _range("parameter", name, bounds)
+
+    def __repr__(self) -> str:
+        return f"Parameter {_described(self, f' = {self.default:g}')}"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Parameter, (self.name, self.default, self.unit, self.description, self.bounds)

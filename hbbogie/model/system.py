@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.errors import ModelError, as_number, unknown_name
+from hbbogie.brief import lines
+from hbbogie.errors import ModelError, as_number, named, told
 from hbbogie.model.derivatives import state_matrix_at
 from hbbogie.model.dynamics import Dynamics, equations_of_motion
 from hbbogie.model.elements import AttachedLaw, Element
@@ -19,9 +20,12 @@ from hbbogie.model.parts import Parts, is_odd, split
 from hbbogie.model.ramps import Scalar
 from hbbogie.model.symbols import Coordinate, Parameter
 from hbbogie.model.values import Values
+from hbbogie.results.naming import Naming
+from hbbogie.results.pictures import page
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+SHOWN = 8  # names shown at most
 
 
 class System:
@@ -151,16 +155,13 @@ class System:
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name."""
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        raise ModelError(f"system {self.name!r}: {unknown_name('parameter', name, self.parameter_names)}")
+        own = named(f"system {self.name!r}", "parameter", name, self.parameter_names)
+        return self.parameters[self.parameter_names.index(own)]
 
     def index(self, coordinate: str) -> int:
         """Return the place of a coordinate, by its name."""
-        if coordinate not in self.coordinate_names:
-            raise ModelError(f"system {self.name!r}: {unknown_name('coordinate', coordinate, self.coordinate_names)}")
-        return self.coordinate_names.index(coordinate)
+        name = named(f"system {self.name!r}", "coordinate", coordinate, self.coordinate_names)
+        return self.coordinate_names.index(name)
 
     def with_parameters(self, /, **values: float) -> System:
         """Return the same system with other parameter values.
@@ -218,6 +219,11 @@ class System:
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the coordinates, in order."""
         return tuple(c.name for c in self.coordinates)
+
+    @property
+    def naming(self) -> Naming:
+        """Units and descriptions of coordinates and parameters."""
+        return self._dynamics.naming
 
     @property
     def n(self) -> int:
@@ -307,17 +313,27 @@ class System:
         return tuple(name for i, name in enumerate(self.parameter_names) if i not in used)
 
     def __repr__(self) -> str:
-        return (
-            f"System({self.name!r}: {self.n} coordinates ({', '.join(self.coordinate_names)}), "
-            f"{len(self.parameters)} parameters, {len(self.elements)} elements)"
+        orders = f"{sum(self.second_order)} of second order" if any(self.second_order) else "of first order"
+        names = ", ".join(self.coordinate_names[:SHOWN]) + (" ..." if self.n > SHOWN else "")
+        attached = ", ".join(f"{e.name} ({e.law})" for e in self.elements[:SHOWN])
+        return lines(
+            f"System {self.name!r}" + (f": {self.description}" if self.description else ""),
+            f"{self.n} coordinates, {orders}: {names}",
+            f"{len(self.parameters)} parameters: {self.naming.values(self.values, SHOWN)}" if self.parameters else "",
+            f"{len(self.elements)} elements: {attached}" if self.elements else "",
         )
+
+    def _repr_html_(self) -> str:
+        named = [(c.name, c.description, "", c.unit) for c in self.coordinates]
+        named += [(p.name, p.description, f"{self.values[p.name]:.6g}", p.unit) for p in self.parameters]
+        return page(repr(self), [("name", "what it is", "value", "unit"), *named])
 
 
 def _checked(parameter: Parameter, value: Any) -> float:
     """Return the value of a parameter; raise `ModelError` unless it is a finite number within the bounds."""
     (low, high), number = parameter.bounds, as_number(value)
     if not (isfinite(number) and low <= number <= high):
-        got = f"{number:g}" if number == number else repr(value)
+        got = f"{number:g}" if number == number else told(value)
         raise ModelError(
             f"parameter {parameter.name!r} ({parameter.description or 'no description'}): got {got} {parameter.unit}; "
             f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError, positive, unknown_name
+from hbbogie.errors import ModelError, door, positive, unknown_name
 from hbbogie.model.dynamics import solved_rates, state_of
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Trajectory
@@ -27,6 +27,7 @@ BRIEF = 2000  # largest number of CVODES steps between two samples in `states_af
 TOO_LARGE = 1e12  # no state of a physical model is larger
 
 
+@door(system=System)
 def simulate(
     system: System,
     initial: Initial,
@@ -105,6 +106,7 @@ def simulate(
     return Trajectory(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
         t=np.asarray(start + h * np.arange(count + 1), dtype=float),
         q=states[:, : system.n].copy(),

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError, positive
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import Initial, default_step, simulate
 from hbbogie.results import Orbit, Trajectory
@@ -42,7 +43,10 @@ class Settled:
     trajectory: Trajectory
     status: str
 
+    __repr__ = brief
 
+
+@door(system=System, coordinate=str)
 def settle(
     system: System,
     initial: Initial,
@@ -239,6 +243,7 @@ def last_orbit(system: System, trajectory: Trajectory, H: int, coordinate: str |
     return Orbit(
         system=system.name,
         coordinates=trajectory.coordinates,
+        naming=trajectory.naming,
         units=trajectory.units,
         coefficients=fourier.shift(c, float(np.arctan2(sine, cosine))),
         omega=2 * np.pi / T,

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import (
     MOST_STEPS,
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 BLOCK = 500  # steps in one call of the built function
 
 
+@door(system=System, parameter=str)
 def simulate_ramp(
     system: System,
     initial: Initial,
@@ -93,6 +94,7 @@ def simulate_ramp(
     return Trajectory(
         system=system.name,
         coordinates=system.coordinate_names,
+        naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
         t=np.asarray(h * np.arange(count + 1), dtype=float),
         q=states[:, : system.n].copy(),

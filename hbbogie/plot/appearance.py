@@ -11,7 +11,9 @@ from typing import Any, ParamSpec
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.errors import ModelError
@@ -20,16 +22,21 @@ from hbbogie.units import PREFIXES, readable
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")
+FEW = 4  # values that a title takes in
 
 # Okabe and Ito: told apart by the colour-blind, and in this order also when printed in grey
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#444444")
 INK, PALE = "#333333", "#e4e4e4"
+# one rule in every figure: what is stable is blue and solid, unstable orange and dashed, unknown grey and dotted
 LINES: dict[str, Any] = {"stable": "-", "unstable": (0, (4, 1.8)), "unknown": (0, (1, 1.6))}
 SHADES = {"stable": COLOURS[0], "unstable": COLOURS[1], "unknown": "#777777"}
+NEUTRAL = ("#009E73", "#AA4499", "#444444", "#E69F00", "#56B4E9")  # colours that say nothing about stability
 STYLE: dict[str, Any] = {
     "figure.figsize": (6.6, 4.2),
     "figure.constrained_layout.use": True,
     "font.size": 10.0,
+    "pdf.fonttype": 42,  # TrueType, which can be searched and edited
+    "ps.fonttype": 42,
     "text.color": INK,
     "axes.labelcolor": INK,
     "axes.edgecolor": "#777777",
@@ -37,12 +44,14 @@ STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
-    "axes.prop_cycle": plt.cycler(color=COLOURS),
+    "axes.prop_cycle": plt.cycler(color=NEUTRAL),
     "lines.linewidth": 1.8,
     "lines.solid_capstyle": "round",
     "legend.frameon": False,
-    "legend.fontsize": 9.0,
+    "legend.fontsize": 8.0,
     "legend.handlelength": 2.1,
+    "legend.labelspacing": 0.25,
+    "legend.handletextpad": 0.5,
 }
 
 
@@ -83,13 +92,16 @@ def save(figure: Figure | Axes, path: str | Path, close: bool = True) -> Path:
     if not target.parent.is_dir():
         folder = str(target.parent)
         raise ModelError(f"cannot write {str(target)!r}: the directory {folder!r} does not exist; make it.")
-    drawn.savefig(target, dpi=150, bbox_inches="tight", facecolor="white")
+    with style():  # the kind of font in a PDF is decided here
+        drawn.savefig(target, dpi=150, bbox_inches="tight", facecolor="white")
     if close:
         plt.close(drawn)
     return target
 
 
-def panels(rows: int, columns: int, size: tuple[float, float] | None = None) -> tuple[Figure, NDArray[Any]]:
+def panels(
+    rows: int, columns: int, size: tuple[float, float] | None = None, title: str = ""
+) -> tuple[Figure, NDArray[Any]]:
     """Return a figure with axes in rows and columns, shape (rows, columns), in the style of this module.
 
     Parameters
@@ -97,11 +109,14 @@ def panels(rows: int, columns: int, size: tuple[float, float] | None = None) -> 
     rows, columns : int
     size : (float, float), inch
         Width and height of the whole; in proportion to the number of panels where left out.
+    title : str
     """
     with style():
         figure, grid = plt.subplots(
             rows, columns, figsize=size or (5.6 * columns, 3.8 * rows), layout="constrained", squeeze=False
         )
+    if title:
+        figure.suptitle(title, x=0.02, ha="left", fontsize=10.5)
     for ax in grid.flat:
         _dress(ax)
     return figure, grid
@@ -116,7 +131,8 @@ def one_legend(figure: Figure) -> Figure:
         if (own := ax.get_legend()) is not None:
             own.remove()
     with style():
-        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=min(4, len(entries)))
+        if entries:
+            figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=min(4, len(entries)))
     return figure
 
 
@@ -157,15 +173,49 @@ def scale(unit: str, data: Iterable[ArrayLike], label: str = "") -> tuple[float,
     return readable(unit, max((float(np.abs(d).max(initial=0.0)) for d in map(np.asarray, data)), default=0.0))
 
 
-def legend(ax: Axes) -> Axes:
-    """Put the legend above the axes, where no data are, in as many columns as fit."""
+def bracketed(text: str, unit: str) -> str:
+    """Return the label of an axis; numbers without a unit have no bracket."""
+    return f"{text} [{unit}]" if unit not in ("", "1") else text
+
+
+def engineering(axis: Axis, label: str) -> None:
+    """Label an axis in data units; its numbers are shown in the prefix in which they are read easily."""
+    text, _, unit = label.removesuffix("]").rpartition(" [") if label.endswith("]") else (label, "", "")
+    low, high = axis.get_view_interval()
+    factor, shown = readable(unit, max(abs(low), abs(high)))
+    if axis.get_scale() == "linear":
+        axis.set_major_formatter(
+            FuncFormatter(lambda value, _: f"{factor * value + 0.0:.10g}".replace("-", "\N{MINUS SIGN}"))
+        )
+    axis.set_label_text(bracketed(text, shown))
+
+
+def finish(ax: Axes, given: Axes | None, title: str = "") -> Axes:
+    """Give axes their legend, and a figure of their own its title."""
+    if given is None and title:
+        figure_of(ax).suptitle(title, x=0.02, ha="left", fontsize=10.5)
+    return legend(ax, inside=given is not None)
+
+
+def title_of(o: Orbit | Trajectory, without: str = "") -> str:
+    """Return the title of a figure: the system, with its values where they are few, else with the first."""
+    values = {n: v for n, v in o.parameters.items() if n != without}
+    few = values if len(values) <= FEW else {} if without else dict([*values.items()][:1])
+    return f"{o.system}, {o.naming.values(few, FEW)}" if few else o.system
+
+
+def legend(ax: Axes, inside: bool = False) -> Axes:
+    """Put the legend above the axes in as many columns as fit, or inside where there is room; none without entries."""
     labels = ax.get_legend_handles_labels()[1]
-    # widths in inches: a letter at 9 points, a line sample with its gaps; new axes grow a little
-    widths = np.array([0.5 + 0.073 * len(label.replace("$", "")) for label in labels])
+    if inside and labels:
+        ax.legend(loc="best")
+        return ax
+    # widths in inches: a letter at 8 points, a line sample with its gaps; new axes grow a little
+    widths = np.array([0.45 + 0.06 * len(label.replace("$", "")) for label in labels])
     room = 1.1 * ax.get_position().width * figure_of(ax).get_size_inches()[0]
     for columns in range(len(labels), 0, -1):
         if columns == 1 or sum(part.max() for part in np.array_split(widths, columns)) <= room:
             place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
-            ax.legend(ncols=columns, columnspacing=1.4, **place)
+            ax.legend(ncols=columns, columnspacing=1.2, **place)
             break
     return ax

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
 
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError, door, named, several
 from hbbogie.plot.appearance import (
-    COLOURS,
     INK,
     LINES,
+    NEUTRAL,
     SHADES,
-    Array,
     axes,
+    bracketed,
     coordinate_of,
+    engineering,
     figure_of,
-    legend,
+    finish,
     scale,
     styled,
+    title_of,
 )
+from hbbogie.plot.curves import Height, draw_marks, draw_pieces, gaps, level_of, onset, pieces
 from hbbogie.results import Branch, Orbit, SpecialPoint
 
-QUANTITIES = {"peak": Branch.amplitude, "first harmonic": Branch.first_harmonic}
+QUANTITIES: dict[str, Callable[[Orbit, str], float]] = {"peak": Orbit.amplitude, "first harmonic": Orbit.first_harmonic}
+CRUSHED = 0.12  # share of the axis below which special points are shown once more, enlarged
 Published = Iterable[tuple[str, ArrayLike, ArrayLike, str]]
 
 
@@ -62,25 +66,29 @@ def branch(
         Points to mark besides those of the branches, such as Hopf points.
     """
     many = _branches(branches)
-    name, unit = coordinate_of(many[0].orbits[0], y)
-    if quantity not in QUANTITIES:
-        raise ModelError(unknown_name("quantity", quantity, QUANTITIES))
-    value = QUANTITIES[quantity]
+    name, unit = coordinate_of(many[0][0], y)
+    value = QUANTITIES[named("branch", "quantity", quantity, QUANTITIES)]
     points = [(label, np.atleast_1d(u), np.atleast_1d(w), marker) for label, u, w, marker in published]
-    ax = axes(ax)
-    sizes = [*(value(b, name) for b in many), *(w for _, _, w, _ in points)]
+    given, ax = ax, axes(ax)
+    sizes = [np.array([value(o, name) for o in b]) for b in many] + [w for _, _, w, _ in points]
     factor, unit = scale(unit, sizes, ax.get_ylabel())
 
-    def height(b: Branch) -> Array:
-        return factor * value(b, name)
+    def height(o: Orbit) -> float:
+        return factor * value(o, name)
 
-    _over_parameter(ax, many, height, labels, special, hopf_at_zero=True)
-    _draw_points(ax, [(label, u, factor * w, marker) for label, u, w, marker in points], len(many))
-    ax.set_xlabel(parameter_label or many[0].parameter)
-    ax.set_ylabel(f"{quantity} of {name} [{unit}]")
-    if ax.dataLim.y0 > 0:
-        ax.set_ylim(0, 1.04 * ax.dataLim.y1)
-    return legend(ax)
+    _over_parameter(ax, many, height, labels, special, rest=height)
+    _draw_points(ax, [(label, u, factor * w, marker) for label, u, w, marker in points], many, labels)
+    closed = gaps(many, name) if quantity == "peak" else {}
+    for gap, width in closed.items():
+        text = many[0][0].naming.plain(gap)
+        ax.axhline(factor * width, color=INK, lw=0.8, ls=(0, (6, 2, 1, 2)), zorder=1, label=text)
+    ax.set_ylabel(bracketed(f"{quantity} of {many[0][0].naming.plain(name)}", unit))
+    if ax.dataLim.y0 >= 0:
+        ax.set_ylim(-0.025 * ax.dataLim.y1, 1.04 * ax.dataLim.y1)  # room for a marker at zero
+    if given is None and not points:
+        _inset(ax, many, height, special, labels)
+    engineering(ax.xaxis, parameter_label or many[0].label)
+    return finish(ax, given, title_of(many[0][0], many[0].parameter))
 
 
 @styled
@@ -102,19 +110,20 @@ def frequency(
         As of `branch`; the published values are frequencies in rad/s.
     """
     many = _branches(branches)
-    ax = axes(ax)
-    _over_parameter(ax, many, lambda b: b.omega, labels, special)
-    _draw_points(ax, published, len(many))
+    given, ax = ax, axes(ax)
+    _over_parameter(ax, many, lambda o: o.omega, labels, special)
+    _draw_points(ax, published, many, labels)
     hertz = partial(np.multiply, 1 / (2 * np.pi)), partial(np.multiply, 2 * np.pi)
     right = ax.secondary_yaxis("right", functions=hertz)
     right.set_ylabel("frequency [Hz]")
     right.tick_params(colors=INK, labelsize=9, length=3)
-    ax.set_xlabel(parameter_label or many[0].parameter)
     ax.set_ylabel("frequency omega [rad/s]")
-    return legend(ax)
+    engineering(ax.xaxis, parameter_label or many[0].label)
+    return finish(ax, given, title_of(many[0][0], many[0].parameter))
 
 
 @styled
+@door(cycles=(Branch, Orbit))
 def multipliers(cycles: Branch | Orbit, ax: Axes | None = None, parameter_label: str | None = None) -> Axes:
     """Draw the Floquet multipliers in the complex plane with the unit circle.
 
@@ -126,7 +135,7 @@ def multipliers(cycles: Branch | Orbit, ax: Axes | None = None, parameter_label:
     parameter_label : str
         Label of the colour bar, with unit.
     """
-    ax = axes(ax, (5.2, 4.6))
+    given, ax = ax, axes(ax, (5.2, 4.6))
     turn = np.linspace(0, 2 * np.pi, 361)
     ax.fill(np.cos(turn), np.sin(turn), color="#f3f6f9", zorder=0)
     ax.plot(np.cos(turn), np.sin(turn), color="#888888", lw=1.0, zorder=1)
@@ -134,8 +143,8 @@ def multipliers(cycles: Branch | Orbit, ax: Axes | None = None, parameter_label:
         mu = _judged([cycles])[0][1]
         trivial = _trivial(cycles, mu)
         for keep, colour, label in (
-            (~trivial & (np.abs(mu) <= 1), COLOURS[0], "inside"),
-            (~trivial & (np.abs(mu) > 1), COLOURS[1], "outside"),
+            (~trivial & (np.abs(mu) <= 1), SHADES["stable"], "inside"),
+            (~trivial & (np.abs(mu) > 1), SHADES["unstable"], "outside"),
         ):
             if keep.any():
                 ax.plot(mu.real[keep], mu.imag[keep], "o", ms=6, color=colour, label=label, zorder=4)
@@ -145,18 +154,20 @@ def multipliers(cycles: Branch | Orbit, ax: Axes | None = None, parameter_label:
         z = np.concatenate([mu for _, mu in pairs])
         p = np.concatenate([np.full(len(mu), v) for v, mu in pairs])
         shown = ax.scatter(z.real, z.imag, c=p, s=18, cmap="viridis", ec="#00000060", lw=0.3, zorder=4)
-        bar = figure_of(ax).colorbar(shown, ax=ax, label=parameter_label or cycles.parameter, shrink=0.8)
+        bar = figure_of(ax).colorbar(shown, ax=ax, label=parameter_label or cycles.label, shrink=0.8)
         bar.ax.tick_params(colors=INK, labelsize=9, length=3)
         bar.outline.set_visible(False)  # type: ignore[operator]
     ax.set_aspect("equal", adjustable="datalim")
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.yaxis.set_major_locator(MaxNLocator(5))
-    ax.set_xlabel("real part [1]")
-    ax.set_ylabel("imaginary part [1]")
-    return legend(ax)
+    ax.set_xlabel("real part of the multipliers")
+    ax.set_ylabel("imaginary part")
+    of = cycles if isinstance(cycles, Orbit) else cycles[0]
+    return finish(ax, given, title_of(of, "" if isinstance(cycles, Orbit) else cycles.parameter))
 
 
 @styled
+@door(cycles=Branch)
 def multipliers_along(
     cycles: Branch, ax: Axes | None = None, count: int = 3, parameter_label: str | None = None
 ) -> Axes:
@@ -173,120 +184,133 @@ def multipliers_along(
         Label of the axis, with unit.
     """
     judged = _judged(cycles.orbits)
-    size = np.full((len(judged), count), np.nan)
-    for i, (o, mu) in enumerate(judged):
-        largest = np.sort(np.abs(mu[~_trivial(o, mu)]))[::-1][:count]
-        size[i, : len(largest)] = largest
-    ax = axes(ax)
+    size = np.abs(followed([np.delete(mu, np.flatnonzero(_trivial(o, mu))) for o, mu in judged]))
+    largest: list[int] = []
+    for c in np.argsort(-np.nan_to_num(np.nanmax(size, axis=0, initial=0.0)), kind="stable"):
+        # both of a complex pair are one curve
+        if not any(np.allclose(size[:, c], size[:, k], rtol=1e-6, equal_nan=True) for k in largest):
+            largest.append(int(c))
+    largest = largest[:count]
+    given, ax = ax, axes(ax)
     values = [o.parameters[cycles.parameter] for o, _ in judged]
     ax.axhline(1.0, color=INK, lw=1.0, zorder=1, label="limit of stability")
-    for k in range(count):
-        if not np.isnan(size[:, k]).all():
-            label = ("largest", "second", "third")[k] if k < 3 else f"{k + 1}th"
-            ax.plot(values, size[:, k], "o-", ms=3, lw=1.4, color=COLOURS[k % len(COLOURS)], label=label)
+    for k, column in enumerate(c for c in largest if np.isfinite(size[:, c]).any()):
+        label = ("largest", "second", "third")[k] if k < 3 else f"{k + 1}th"
+        ax.plot(values, size[:, column], "o-", ms=2.5, lw=1.4, color=NEUTRAL[k % len(NEUTRAL)], label=label)
     # about the unit line a linear scale shows the crossing best
     if np.nanmax(size, initial=0.0) > 10:
         ax.set_yscale("log")
     else:
         ax.set_ylim(bottom=0)
-    ax.set_xlabel(parameter_label or cycles.parameter)
-    ax.set_ylabel("modulus of the multipliers [1]")
-    return legend(ax)
+    ax.set_ylabel("modulus of the multipliers")
+    engineering(ax.xaxis, parameter_label or cycles.label)
+    return finish(ax, given, title_of(cycles[0], cycles.parameter))
+
+
+def followed(rows: Sequence[NDArray[np.complex128]]) -> NDArray[np.complex128]:
+    """Return multipliers along a branch in columns that each go on continuously, shape (points, most of them).
+
+    Parameters
+    ----------
+    rows : sequence of ndarray of complex, shape (any,)
+        Those of each point, in any order.
+    """
+    width = max(map(len, rows), default=0)
+    found = np.full((len(rows), width), complex(np.nan, np.nan))
+    before = np.zeros(width, dtype=complex)
+    for i, row in enumerate(rows):
+        if not len(row) or not np.isfinite(row).all():
+            continue
+        if i == 0:
+            row = row[np.argsort(-np.abs(row), kind="stable")]
+        costs = np.abs(row[:, None] - before) if i else 1 - np.eye(len(row), width)
+        takers, places = linear_sum_assignment(costs)
+        found[i, places] = row[takers]
+        before = np.where(np.isnan(found[i]), before, found[i])
+    return found
 
 
 # --- what the figures share ---------------------------------------------------------------------
 
 
 def _branches(given: Branch | Sequence[Branch]) -> list[Branch]:
-    many = [given] if isinstance(given, Branch) else list(given)
-    if not many or not all(len(b) for b in many):
+    many = several("nothing to draw", given, Branch)
+    if not all(len(b) for b in many):
         raise ModelError("nothing to draw: got no branch, or one without orbits; give at least one orbit.")
     return many
 
 
-def _draw_points(ax: Axes, points: Published, curves: int) -> None:
-    """Draw points (label, x, y, marker) over everything, in colours that the curves leave free."""
+def _draw_points(ax: Axes, points: Published, many: Sequence[Branch], labels: Sequence[str] | None) -> None:
+    """Draw points (label, x, y, marker), open and below the curves, in colours that the curves leave free."""
+    taken = len(many) if labels is not None else 0
     for i, (label, u, w, marker) in enumerate(points):
-        edge = COLOURS[(max(curves, 2) + i) % len(COLOURS)]
-        ax.plot(u, w, marker, label=label, mfc="white", mec=edge, mew=1.4, ms=6, ls="none", zorder=6)
+        edge = NEUTRAL[(taken + i) % len(NEUTRAL)]
+        ax.plot(u, w, marker, label=label, mfc="none", mec=edge, mew=1.2, ms=5.5, ls="none", zorder=6)
 
 
 def _over_parameter(
     ax: Axes,
     many: Sequence[Branch],
-    height: Callable[[Branch], Array],
+    height: Height,
     labels: Sequence[str] | None,
     special: Sequence[SpecialPoint],
-    hopf_at_zero: bool = False,
+    rest: Height | None = None,
+    named_in_legend: bool = True,
 ) -> None:
     """Draw branches and special points over the parameter at their heights."""
-    marks: list[tuple[str, float, float]] = []
-    for s in [*(s for b in many for s in b.special), *special]:
-        # the orbit kept at a Hopf point shows the mode, not an amplitude
-        at_zero = hopf_at_zero and s.kind == "hopf"
-        level = 0.0 if at_zero else float(height(Branch((s.orbit,), s.parameter))[0])
-        marks.append((s.kind, s.value, level))
-    joints = [np.array(m[1:]) for m in marks if m[0] != "hopf"]
-    # one branch: colour and line tell the verdict; several: the colour tells the branch
-    several, met = len(many) > 1 or labels is not None, set[str]()
+    met = set[str]()
     for i, b in enumerate(many):
-        shades = dict.fromkeys(LINES, COLOURS[i % len(COLOURS)]) if several else SHADES
-        met |= _verdict_lines(ax, np.column_stack([b.values, height(b)]), b.verdicts, shades, joints)
-        if several:
-            ax.plot([], [], color=shades["stable"], label=labels[i] if labels else f"branch {i + 1}")
-    for verdict in (v for v in LINES if v in met - {*ax.get_legend_handles_labels()[1]}):
-        shade = "#777777" if several else SHADES[verdict]
-        ax.plot([], [], ls=LINES[verdict], color=shade, lw=1.7, label=verdict)
-    _mark(ax, list(dict.fromkeys(marks)), many[0].parameter)
+        # the colour tells the verdict, or the branch where branches are named: the line tells the verdict always
+        shades = SHADES if labels is None else dict.fromkeys(LINES, NEUTRAL[i % len(NEUTRAL)])
+        found = pieces(b, height)
+        if labels is not None and set(b.verdicts) == {"unknown"}:  # no verdicts to tell: wide below narrow ones
+            for _, points in found:
+                ax.plot(*points.T, color=shades["stable"], lw=1.3 + 1.1 * (len(many) - 1 - i), zorder=3, label="_")
+        else:
+            met |= draw_pieces(ax, found, shades)
+        if labels is not None and named_in_legend:
+            ax.plot([], [], color=shades["stable"], label=labels[i])
+    if named_in_legend:
+        for verdict in (v for v in LINES if v in met - {*ax.get_legend_handles_labels()[1]}):
+            shade = "#777777" if labels is not None else SHADES[verdict]
+            ax.plot([], [], ls=LINES[verdict], color=shade, lw=1.7, label=verdict)
+    along = {(s.kind, s.value): s for s in (*special, *(s for b in many for s in b.special))}
+    marks = [(s, level_of(s, height, rest)) for s in along.values()]
+    if rest is not None:
+        for s, level in marks:
+            for b in many if s.kind == "hopf" else ():
+                onset(ax, b, s, level, height)
+    draw_marks(ax, marks, named_in_legend)
 
 
-def _verdict_lines(
-    ax: Axes, points: Array, verdicts: Sequence[str], shades: Mapping[str, str], special: Sequence[Array]
-) -> set[str]:
-    """Draw a curve, points of shape (k, 2), in pieces of one verdict that meet in joints; return the verdicts."""
-    # at a special point itself the verdict is open, as it must be: the point is the joint of its neighbours
-    closed = [verdicts[i] != "unknown" or not any(np.array_equal(p, s) for s in special) for i, p in enumerate(points)]
-    if sum(closed) > 1:
-        points, verdicts = points[closed], [v for v, keep in zip(verdicts, closed, strict=True) if keep]
-    cuts = [i for i in range(1, len(points)) if verdicts[i] != verdicts[i - 1]]
-    joints = {i: [_joint(points[i - 1], points[i], special)] for i in cuts}
-    for start, stop in zip([0, *cuts], [*cuts, len(points)], strict=True):
-        piece = np.vstack([*joints.get(start, []), points[start:stop], *joints.get(stop, [])])
-        verdict = verdicts[start]
-        dress = {"ls": LINES[verdict], "color": shades[verdict], "lw": 2.0 if verdict == "stable" else 1.7}
-        ax.plot(*piece.T, marker="o" if len(points) == 1 else "", label="_", zorder=3, **dress)
-    return set(verdicts)
-
-
-def _joint(a: Array, b: Array, special: Sequence[Array]) -> Array:
-    """Return the special point that lies between two neighbouring points of a curve, or the middle of them."""
-    for point in special:
-        size = np.maximum(np.abs([a, b, point]).max(axis=0), 1e-300)
-        way, detour = np.linalg.norm((b - a) / size), np.linalg.norm(([a, b] - point) / size, axis=1)
-        if detour.sum() < 1.5 * way:
-            return point
-    return (a + b) / 2
-
-
-def _mark(ax: Axes, marks: Sequence[tuple[str, float, float]], parameter: str) -> None:
-    """Mark special points (kind, value, height); the values stand in the legend."""
-    dress = {"fold": ("D", "fold"), "hopf": ("s", "Hopf point"), "grazing": ("o", "grazing")}
-    dress |= {
-        "pitchfork": ("^", "pitchfork"),
-        "period doubling": ("v", "period doubling"),
-        "branch point": ("X", "branch point"),
-    }
-    for kind in dict.fromkeys(m[0] for m in marks):
-        marker, text = dress.get(kind, ("P", kind))
-        some = [m[1:] for m in marks if m[0] == kind]
-        places = list(dict.fromkeys(f"{value:.4g}" for value, _ in some))
-        if len(places) <= 2:
-            text += f" ({parameter} = {', '.join(places)})"
-        u, w = zip(*some, strict=True)
-        look: dict[str, Any] = {"ms": 6.5, "color": INK, "mec": "white", "mew": 1.0}
-        if kind == "grazing":  # often next to a fold, which it must not hide
-            look = {"ms": 9.0, "mfc": "none", "mec": INK, "mew": 0.9}
-        ax.plot(u, w, marker, label=text, zorder=5, ls="none", **look)
+def _inset(
+    ax: Axes, many: Sequence[Branch], height: Height, special: Sequence[SpecialPoint], labels: Sequence[str] | None
+) -> None:
+    """Show the surroundings of a fold once more, enlarged, where they take a small part of the axis."""
+    points = [s for b in many for s in b.special]
+    if not any(s.kind == "fold" for s in points):
+        return
+    values = np.array([s.value for s in (*points, *special)])
+    low, high = float(values.min()), float(values.max())
+    left, right = ax.dataLim.x0, ax.dataLim.x1
+    if not 0 < high - low < CRUSHED * (right - left):
+        return
+    low, high = low - 0.4 * (high - low), high + 0.4 * (high - low)
+    curves = np.vstack([p for b in many for _, p in pieces(b, height)])
+    near = curves[(curves[:, 0] >= low) & (curves[:, 0] <= high), 1]
+    across = (curves[:, 0] - left) / (right - left)
+    up = (curves[:, 1] - ax.get_ylim()[0]) / np.ptp(ax.get_ylim())
+    corners = [(0.5, 0.1), (0.14, 0.56), (0.5, 0.56)]
+    crowd = [np.mean((across > x - 0.1) & (across < x + 0.44) & (up > y - 0.08) & (up < y + 0.42)) for x, y in corners]
+    if min(crowd) > 0.02:
+        return
+    inner = ax.inset_axes((*corners[int(np.argmin(crowd))], 0.42, 0.36))
+    _over_parameter(inner, many, height, labels, special, named_in_legend=False)
+    margin = 0.15 * float(np.ptp(near)) or 1.0
+    inner.set(xlim=(low, high), ylim=(near.min() - margin, near.max() + margin), facecolor="white")
+    inner.tick_params(labelsize=7.5, length=2)
+    inner.spines[["top", "right"]].set_visible(True)
+    ax.indicate_inset_zoom(inner, edgecolor="#777777", lw=0.8)
 
 
 def _judged(orbits: Sequence[Orbit]) -> list[tuple[Orbit, NDArray[np.complex128]]]:

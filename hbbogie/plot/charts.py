@@ -10,10 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from hbbogie.plot.appearance import COLOURS, INK, axes, legend, styled
+from hbbogie.errors import door
+from hbbogie.plot.appearance import COLOURS, INK, axes, engineering, finish, styled
 from hbbogie.results import Chart, ChartPoint, CriticalCurve
+from hbbogie.units import readable
 
 Array = NDArray[np.float64]
+BOTH = "#f7d9c4"  # where a stable equilibrium and cycles exist side by side
 FOLD, HOPF, OTHER = COLOURS[1], COLOURS[0], "#9aa5ad"
 DRESS: dict[str, dict[str, Any]] = {
     "supercritical": {"color": HOPF, "ls": "-", "lw": 2.0, "label": "Hopf, supercritical"},
@@ -30,6 +33,7 @@ COLUMNS = 800  # at which regions are compared
 
 
 @styled
+@door(found=Chart)
 def chart(found: Chart, ax: Axes | None = None) -> Axes:
     """Draw curves of folds and of Hopf points in the plane of two parameters.
 
@@ -41,12 +45,12 @@ def chart(found: Chart, ax: Axes | None = None) -> Axes:
     found : Chart
     ax : Axes
     """
-    ax = axes(ax, (6.6, 4.6))
+    given, ax = ax, axes(ax, (6.6, 4.6))
     over = np.linspace(*found.interval, COLUMNS)
     text = "stable rest beside cycles"
     for low, high in coexistence(found, over):
         if (where := low < high).any():
-            ax.fill_between(over, low, high, where=where.tolist(), color=FOLD, alpha=0.16, lw=0, zorder=1, label=text)
+            ax.fill_between(over, low, high, where=where.tolist(), color=BOTH, lw=0, zorder=1, label=text)
             text = "_"
     height = _height(found)
     pieces = [(key, part) for c in found.hopf for key, part in _pieces(c) if part[1].min() <= height[1]]
@@ -59,12 +63,13 @@ def chart(found: Chart, ax: Axes | None = None) -> Axes:
     _empty_ranges(ax, found)
     ax.set_xlim(*found.interval)
     ax.set_ylim(*height)
-    ax.set_xlabel(found.labels[1])
-    ax.set_ylabel(found.labels[0])
-    return legend(ax)
+    engineering(ax.xaxis, found.labels[1])
+    engineering(ax.yaxis, found.labels[0])
+    return finish(ax, given, found.system)
 
 
 @styled
+@door(found=Chart)
 def coexistence_width(found: Chart, ax: Axes | None = None) -> Axes:
     """Draw the width of the region in which a stable equilibrium and cycles exist side by side.
 
@@ -80,9 +85,9 @@ def coexistence_width(found: Chart, ax: Axes | None = None) -> Axes:
     ax.plot(over, width, color=FOLD, lw=2.0)
     ax.set_xlim(*found.interval)
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel(found.labels[1])
+    engineering(ax.xaxis, found.labels[1])
     unit = found.labels[0].rpartition(" ")[2]
-    ax.set_ylabel(f"width of the region {unit}")
+    engineering(ax.yaxis, f"width of the region {unit}")
     return ax
 
 
@@ -144,10 +149,17 @@ def _mark(ax: Axes, found: Chart, height: tuple[float, float]) -> None:
                 continue
             ax.plot(s.over_value, s.value, marker, label=text, zorder=6, ms=7, color=INK, mec="white", mew=1, ls="none")
             place = (8, -14) if c.slope[i] > 0 else (8, 7)
-            words = f"{s.over_value:.4g}, {s.value:.4g}"
+            words = ", ".join(_told(v, t) for v, t in ((s.over_value, found.labels[1]), (s.value, found.labels[0])))
             dress: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8.5, "color": INK, "zorder": 7}
             ax.annotate(words, (s.over_value, s.value), place, **dress)
             text = "_"
+
+
+def _told(value: float, label: str) -> str:
+    """Return a value with the unit of a label."""
+    unit = label.rpartition("[")[2].rstrip("]") if label.endswith("]") else ""
+    factor, shown = readable(unit, abs(value))
+    return f"{factor * value:.4g}{'' if shown in ('', '1') else ' ' + shown}"
 
 
 def _nearest(found: Chart, s: ChartPoint) -> tuple[CriticalCurve, int]:

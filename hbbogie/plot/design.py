@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from hbbogie.errors import ModelError
-from hbbogie.plot.appearance import COLOURS, INK, axes, styled
+from hbbogie.plot.appearance import INK, NEUTRAL, axes, bracketed, engineering, finish, legend, styled
 
 
 @styled
@@ -37,17 +37,58 @@ def gains(names: Sequence[str], values: ArrayLike, ax: Axes | None = None, unit:
         )
     ax = axes(ax, (6.6, 1.2 + 0.42 * len(names)))
     order = np.argsort(heights)
-    ax.barh(range(len(names)), heights[order], 0.6, color=COLOURS[0])
+    ax.barh(range(len(names)), heights[order], 0.6, color=NEUTRAL[0])
     ax.set_yticks(range(len(names)), [names[i] for i in order])
     ax.set_ylim(-0.6, len(names) - 0.4)
     ax.grid(False, axis="y")
     ax.set_xlim(0, 1.08 * max(heights.max(), 1e-300))
-    ax.set_xlabel(f"gain where the limit is relaxed by 1 % [{unit or '1'}]")
+    ax.set_xlabel(bracketed("gain where the limit is relaxed by 1 %", unit))
     return ax
 
 
 @styled
-def scatter(
+def tornado(
+    names: Sequence[str],
+    columns: Mapping[str, ArrayLike],
+    ax: Axes | None = None,
+    parameter: str = "it",
+    title: str = "",
+) -> Axes:
+    """Draw elasticities as bars, the most influential parameter on top.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the parameters, the most influential first.
+    columns : mapping from label to array_like, shape (k,), dimensionless
+        Elasticities of each critical value.
+    ax : Axes
+    parameter : str
+        Of which they are the critical values.
+    title : str
+
+    Raises
+    ------
+    ModelError
+        When there is nothing to draw.
+    """
+    if not len(names) or not columns:
+        raise ModelError("nothing to draw: got no parameter, or no elasticities.")
+    given, ax = ax, axes(ax, (7.0, 1.3 + 0.36 * len(names)))
+    height = 0.8 / len(columns)
+    for k, (label, values) in enumerate(columns.items()):
+        places = [i + (k - (len(columns) - 1) / 2) * height for i in range(len(names))]
+        ax.barh(places, np.asarray(values, dtype=float), height, color=NEUTRAL[k % len(NEUTRAL)], label=label)
+    ax.set_yticks(range(len(names)), list(names))
+    ax.invert_yaxis()  # from the top, in the order of the legend
+    ax.grid(False, axis="y")
+    ax.axvline(0.0, color=INK, lw=1.0)
+    ax.set_xlabel(f"change of {parameter} in % where the parameter grows by 1 %")
+    return finish(ax, given, title)
+
+
+@styled
+def shares(
     samples: Mapping[str, ArrayLike],
     ax: Axes | None = None,
     predictions: Mapping[str, ArrayLike] | None = None,
@@ -79,7 +120,7 @@ def scatter(
     ax = axes(ax)
     for i, (label, values) in enumerate(known.items()):
         share = np.arange(1, len(values) + 1) / len(values)
-        ax.step(values, share, where="post", color=COLOURS[i % len(COLOURS)], label=label)
+        ax.step(values, share, where="post", color=NEUTRAL[i % len(NEUTRAL)], label=label)
         if predictions and label in predictions:
             levels = np.linspace(0.001, 0.999, 400)
             ax.plot(
@@ -87,14 +128,12 @@ def scatter(
                 levels,
                 "--",
                 lw=1.1,
-                color=INK,
-                label="second order",
+                color=NEUTRAL[i % len(NEUTRAL)],
+                label=f"{label}, second order",
             )
     if service is not None:
         ax.axvline(service, color=INK, lw=1.0, ls=(0, (1, 1.6)), label=f"service {service:g}")
     ax.set_ylim(0, 1)
-    ax.set_xlabel(parameter_label)
-    ax.set_ylabel("share of the designs below [1]")
-    handles = dict(zip(*ax.get_legend_handles_labels()[::-1], strict=True))  # each label once
-    ax.legend(handles.values(), handles.keys(), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
-    return ax
+    engineering(ax.xaxis, parameter_label)
+    ax.set_ylabel("share of the designs below")
+    return legend(ax)

@@ -9,9 +9,20 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.ticker import NullFormatter, ScalarFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from hbbogie.plot.appearance import COLOURS, INK, Array, axes, legend, scale, styled
+from hbbogie.errors import door
+from hbbogie.plot.appearance import (
+    COLOURS,
+    INK,
+    Array,
+    axes,
+    bracketed,
+    engineering,
+    finish,
+    scale,
+    styled,
+)
 from hbbogie.plot.branches import branch
 from hbbogie.results import Basin, Branch, Hysteresis, SpecialPoint
 from hbbogie.units import per_second
@@ -22,6 +33,7 @@ NAMES = {"rest": "comes to rest", "cycle": "settles on a cycle", "undecided": "u
 
 
 @styled
+@door(scan=Basin)
 def basin(
     scan: Basin,
     branches: Sequence[Branch] = (),
@@ -42,7 +54,7 @@ def basin(
     parameter_label : str
         Label of the axis, with unit, such as "speed V [m/s]".
     """
-    ax = axes(ax, (7.2, 4.8))
+    given, ax = ax, axes(ax, (7.2, 4.8))
     factor, unit = scale(scan.unit or "1", [scan.amplitudes], ax.get_ylabel())
     ax.set_ylabel(f"[{unit}]")  # the branch keeps the unit that stands on the axis
     if branches:
@@ -69,12 +81,13 @@ def basin(
     ax.grid(False)
     ax.set_xlim(x.min(), x.max())
     ax.set_ylim(max(0.0, float(y.min())), y[:, -1].min())  # no corner without motions
-    ax.set_xlabel(parameter_label or scan.parameter)
-    ax.set_ylabel(f"initial amplitude of {scan.coordinate} [{unit}]")
-    return legend(ax)
+    engineering(ax.xaxis, parameter_label or f"{scan.parameter} [{scan.parameter_unit or '1'}]")
+    ax.set_ylabel(bracketed(f"initial amplitude of {scan.coordinate}", unit))
+    return finish(ax, given, scan.system)
 
 
 @styled
+@door(runs=Hysteresis)
 def hysteresis(
     runs: Hysteresis,
     branches: Sequence[Branch] = (),
@@ -94,7 +107,7 @@ def hysteresis(
     parameter_label : str
         Label of the axis, with unit.
     """
-    ax = axes(ax, (7.2, 4.8))
+    given, ax = ax, axes(ax, (7.2, 4.8))
     passages = [*runs.falling, *runs.rising]
     factor, unit = scale(runs.unit or "1", [p.peaks for p in passages], ax.get_ylabel())
     ax.set_ylabel(f"[{unit}]")
@@ -113,12 +126,13 @@ def hysteresis(
     highest = max((float(p.peaks.max(initial=0.0)) for p in passages), default=1.0)
     ax.set_xlim(*runs.interval)
     ax.set_ylim(0, 1.06 * factor * highest)
-    ax.set_xlabel(parameter_label or runs.parameter)
-    ax.set_ylabel(f"peak of {runs.coordinate} [{unit}]")
-    return legend(ax)
+    engineering(ax.xaxis, parameter_label or f"{runs.parameter} [{runs.parameter_unit or '1'}]")
+    ax.set_ylabel(bracketed(f"peak of {runs.coordinate}", unit))
+    return finish(ax, given, runs.system)
 
 
 @styled
+@door(runs=Hysteresis)
 def delays(runs: Hysteresis, ax: Axes | None = None) -> Axes:
     """Draw how late oscillation dies out and starts over the rate, with the laws of smooth systems.
 
@@ -127,9 +141,9 @@ def delays(runs: Hysteresis, ax: Axes | None = None) -> Axes:
     runs : Hysteresis
     ax : Axes
     """
-    ax = axes(ax)
+    given, ax = ax, axes(ax)
     laws = (
-        (runs.late_falling, "dies out below the fold", "o", COLOURS[1], 2 / 3, "smooth fold: rate$^{2/3}$"),
+        (runs.late_falling, "dies out below the fold", "o", COLOURS[3], 2 / 3, "smooth fold: rate$^{2/3}$"),
         (runs.late_rising, "starts beyond the Hopf point", "s", COLOURS[2], 1 / 2, "linear growth: rate$^{1/2}$"),
     )
     for late, name, marker, colour, power, law in laws:
@@ -142,11 +156,15 @@ def delays(runs: Hysteresis, ax: Axes | None = None) -> Axes:
         ax.loglog(runs.rates, reference, ls="--", lw=1.0, color=colour, alpha=0.7, label=law)
     ax.set_xticks(runs.rates, [f"{rate:g}" for rate in runs.rates])
     ax.xaxis.minorticks_off()
-    ax.yaxis.set_major_formatter(ScalarFormatter())
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    ax.yaxis.set_major_formatter(plain)
+    low, high = ax.get_ylim()
+    if high < 30 * low:  # within a decade or so, powers of ten alone would number hardly a tick
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel(f"rate [{per_second(runs.parameter_unit)}]")
-    ax.set_ylabel(f"delay in {runs.parameter} [{runs.parameter_unit or '1'}]")
-    return legend(ax)
+    ax.set_ylabel(bracketed(f"delay in {runs.parameter}", runs.parameter_unit))
+    return finish(ax, given, runs.system)
 
 
 # --- what the figures share ---------------------------------------------------------------------

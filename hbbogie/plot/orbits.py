@@ -7,12 +7,26 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.colors import to_rgb
 
-from hbbogie.errors import ModelError
-from hbbogie.plot.appearance import COLOURS, LINES, Array, axes, coordinate_of, legend, scale, styled
+from hbbogie.errors import door, several
+from hbbogie.plot.appearance import (
+    LINES,
+    NEUTRAL,
+    SHADES,
+    Array,
+    axes,
+    bracketed,
+    coordinate_of,
+    finish,
+    scale,
+    styled,
+    title_of,
+)
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.units import per_second
+
+MOST = 6000  # samples that a figure of a motion shows
 
 
 @styled
@@ -38,24 +52,26 @@ def orbit(
     """
     many = _orbits(orbits)
     across, unit_x = coordinate_of(many[0], x)
-    if y:
-        up, unit_y = coordinate_of(many[0], y)
-    else:
-        up, unit_y = f"velocity of {across}", per_second(unit_x)
+    plain = many[0].naming.plain
+    up, unit_y = coordinate_of(many[0], y) if y else (f"velocity of {across}", per_second(unit_x))
     curves = []
     for o in many:
         t = np.linspace(0.0, o.period, 1 + max(400, 32 * o.H)) if o.H else np.zeros(1)
         u, v = o.q(t), o.v(t)
         curves.append((u[:, o.index(across)], u[:, o.index(y)] if y else v[:, o.index(across)]))
-    ax = axes(ax)
-    fx, unit_x = scale(unit_x, [c[0] for c in curves], ax.get_xlabel())
-    fy, unit_y = scale(unit_y, [c[1] for c in curves], ax.get_ylabel())
-    for i, (o, (u, w)) in enumerate(zip(many, curves, strict=True)):
-        kind = {"marker": "o", "ls": "none"} if len(u) == 1 else {"ls": _line(o)}
-        ax.plot(fx * u, fy * w, color=COLOURS[i % len(COLOURS)], label=_name(o, many, labels), **kind)
-    ax.set_xlabel(f"{across} [{unit_x}]")
-    ax.set_ylabel(f"{up} [{unit_y}]")
-    return legend(ax)
+    given, ax = ax, axes(ax)
+    fx, shown = scale(unit_x, [c[0] for c in curves], ax.get_xlabel())
+    prefix = shown.removesuffix(unit_x)
+    if y:
+        fy, unit_y = scale(unit_y, [c[1] for c in curves], ax.get_ylabel())
+    else:  # both axes in one prefix
+        fy, unit_y = fx, prefix + unit_y
+    for o, (u, w), dress in zip(many, curves, dresses(many), strict=True):
+        kind = {**dress, "marker": "o", "ls": "none"} if len(u) == 1 else dress
+        ax.plot(fx * u, fy * w, label=_name(o, many, labels), **kind)
+    ax.set_xlabel(bracketed(plain(across), shown))
+    ax.set_ylabel(bracketed(plain(up) if y else up, unit_y))
+    return finish(ax, given, _title(many))
 
 
 @styled
@@ -79,15 +95,20 @@ def waveform(
     moves = []
     for o in many:
         t = np.linspace(0.0, o.period if o.H else 1.0, 1 + max(400, 32 * o.H))
-        moves.append((_name(o, many, labels), t, o.q(t), _line(o)))
-    return _over_time(many[0], moves, coordinates, ax, 1.8)
+        moves.append((_name(o, many, labels), t, o.q(t)))
+    given, ax = ax, axes(ax)
+    _over_time(many[0], moves, coordinates, ax, dresses(many))
+    return finish(ax, given, _title(many))
 
 
 @styled
+@door(trajectory=Trajectory)
 def time_history(
     trajectory: Trajectory, coordinates: str | Sequence[str] | None = None, ax: Axes | None = None
 ) -> Axes:
     """Draw coordinates of a trajectory over time in s; those with the first one's unit where left out.
+
+    Of more samples than a page can show, the smallest and the largest of each short stretch are drawn.
 
     Parameters
     ----------
@@ -95,7 +116,11 @@ def time_history(
     coordinates : str or sequence of str
     ax : Axes
     """
-    return _over_time(trajectory, [("", trajectory.t, trajectory.q, "-")], coordinates, ax, 1.1)
+    given, ax = ax, axes(ax)
+    _over_time(
+        trajectory, [("", *decimated(trajectory.t, trajectory.q))], coordinates, ax, [{"lw": 0.9, "color": NEUTRAL[2]}]
+    )
+    return finish(ax, given, title_of(trajectory))
 
 
 @styled
@@ -121,68 +146,111 @@ def spectrum(
     """
     many = _orbits(orbits)
     name, unit = coordinate_of(many[0], coordinate)
-    ax = axes(ax)
+    given, ax = ax, axes(ax)
     sizes = [o.spectrum(name) for o in many]
     factor, unit = scale(unit, sizes, ax.get_ylabel())
-    for i, (o, size) in enumerate(zip(many, sizes, strict=True)):
+    seen = set[int]()
+    for i, (o, size, dress) in enumerate(zip(many, sizes, dresses(many), strict=True)):
         h = np.flatnonzero(size > 1e-15 * size.max(initial=0.0))
-        marker, colour = "os^Dv"[i % 5], COLOURS[i % len(COLOURS)]
-        ax.plot(h, factor * size[h], marker, ls="-", lw=0.8, ms=5, color=colour, label=_name(o, many, labels))
+        seen |= set(h.tolist())
+        look: dict[str, Any] = {**dress, "marker": "os^Dv"[i % 5], "lw": 0.8, "ms": 5, "mfc": "none" if i else None}
+        ax.plot(h, factor * size[h], label=_name(o, many, labels), **look)
     if reference and many[0].H:
         h = np.arange(1, many[0].H + 1)
         top = factor * float((sizes[0][1:] * h**4).max())
-        ax.plot(h, top * h**-4.0, ls="--", lw=1.0, color="#888888", label="$h^{-4}$", zorder=1)
+        along = np.linspace(1.0, many[0].H, 8 * many[0].H)
+        ax.plot(along, top * along**-4.0, ls="--", lw=1.0, color="#888888", label="$h^{-4}$", zorder=1)
     ax.set_yscale("log")
     ax.set_xlim(-0.5, max(o.H for o in many) + 0.5)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_xlabel("harmonic h [1]")
-    ax.set_ylabel(f"amplitude of {name} [{unit}]")
-    return legend(ax)
+    odd = all(h % 2 for h in seen)
+    ticks = [h for h in range(max(o.H for o in many) + 1) if not odd or h % 2]
+    ax.set_xticks(ticks[:: 1 + len(ticks) // 17])
+    ax.set_xlabel("harmonic")
+    ax.set_ylabel(bracketed(f"amplitude of {many[0].naming.plain(name)}", unit))
+    return finish(ax, given, _title(many))
 
 
 # --- what the figures share ---------------------------------------------------------------------
 
 
 def _orbits(given: Orbit | Sequence[Orbit]) -> list[Orbit]:
-    many = [given] if isinstance(given, Orbit) else list(given)
-    if not many:
-        raise ModelError("nothing to draw: got no orbit; give at least one.")
-    return many
+    return several("nothing to draw", given, Orbit)
 
 
 def _over_time(
     source: Orbit | Trajectory,
-    moves: Sequence[tuple[str, Array, Array, Any]],
+    moves: Sequence[tuple[str, Array, Array]],
     coordinates: str | Sequence[str] | None,
-    ax: Axes | None,
-    width: float,
-) -> Axes:
-    """Draw coordinates of motions (label, t, q, line style); each unit is scaled for itself."""
+    ax: Axes,
+    dress: Sequence[dict[str, Any]],
+) -> None:
+    """Draw coordinates of motions (label, t, q), each dressed in its way; each unit is scaled for itself.
+
+    With several coordinates the colour tells the coordinate, and the line the motion.
+    """
     if coordinates is None:
         pairs = zip(source.coordinates, source.units, strict=True)
         coordinates = [c for c, u in pairs if u == source.units[0]]
     names = [coordinates] if isinstance(coordinates, str) else list(coordinates)
-    ax = axes(ax)
     units = {}
-    curve = 0
-    for name in names:
+    for k, name in enumerate(names):
         i, unit = source.index(name), coordinate_of(source, name)[1]
         alike = [source.index(c) for c in names if coordinate_of(source, c)[1] == unit]
-        factor, units[name] = scale(unit, [q[:, alike] for _, _, q, _ in moves], ax.get_ylabel())
-        for label, t, q, line in moves:
-            parts = [name] * (len(names) > 1) + [label] * (label not in ("", "_"))
-            colour = COLOURS[curve % len(COLOURS)]
-            ax.plot(t, factor * q[:, i], ls=line, lw=width, color=colour, label=", ".join(parts) or "_")
-            curve += 1
+        factor, units[name] = scale(unit, [q[:, alike] for _, _, q in moves], ax.get_ylabel())
+        for (label, t, q), look in zip(moves, dress, strict=True):
+            parts = [source.naming.plain(name)] * (len(names) > 1) + [label] * (label not in ("", "_"))
+            own = {**look, "color": NEUTRAL[k % len(NEUTRAL)]} if len(names) > 1 else look
+            ax.plot(t, factor * q[:, i], label=", ".join(parts) or "_", **own)
     groups = {u: ", ".join(n for n in names if units[n] == u) for u in units.values()}
+    plain = source.naming.plain(names[0]) if len(names) == 1 else ""
     ax.set_xlabel("time t [s]")
-    ax.set_ylabel("; ".join(f"{group} [{u}]" for u, group in groups.items()))
+    ax.set_ylabel("; ".join(bracketed(plain or group, u) for u, group in groups.items()))
     ax.margins(x=0)
-    return legend(ax)
 
 
-def _line(o: Orbit) -> Any:
-    return LINES[o.stability.verdict] if o.stability else "-"
+def decimated(t: Array, q: Array, most: int = MOST) -> tuple[Array, Array]:
+    """Return samples that draw alike: of many, the smallest and largest of each stretch, in the order of time.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+    q : ndarray, shape (N, n)
+    most : int
+        Samples up to which all are kept.
+    """
+    if len(t) <= most:
+        return t, q
+    length = -(-len(t) // (most // 2))
+    edges = np.arange(0, len(t), length)
+    low, high = np.minimum.reduceat(q, edges), np.maximum.reduceat(q, edges)
+    first = np.arange(len(edges)) % 2 == 0  # up and down in turn
+    pairs = np.stack([np.where(first[:, None], low, high), np.where(first[:, None], high, low)], axis=1)
+    times = np.stack([t[edges], t[np.minimum(edges + length // 2, len(t) - 1)]], axis=1)
+    return times.ravel(), pairs.reshape(-1, q.shape[1])
+
+
+def dresses(many: Sequence[Orbit]) -> list[dict[str, Any]]:
+    """Return how to draw orbits: by their verdicts, those of one in tones of its colour; neutral if not judged."""
+    found: list[dict[str, Any]] = []
+    for o in many:
+        if o.stability is None:
+            colour = NEUTRAL[sum(other.stability is None for other in many[: len(found)]) % len(NEUTRAL)]
+            found.append({"color": colour, "ls": "-"})
+            continue
+        verdict = o.stability.verdict
+        alike = [other for other in many if other.stability and other.stability.verdict == verdict]
+        pale = 0.55 * next(i for i, other in enumerate(alike) if other is o) / max(len(alike) - 1, 1)
+        tone = (1 - pale) * np.array(to_rgb(SHADES[verdict])) + pale
+        found.append({"color": tuple(tone), "ls": LINES[verdict]})
+    return found
+
+
+def _title(many: Sequence[Orbit]) -> str:
+    """Return the title of a figure of orbits: what they have in common."""
+    o = many[0]
+    common = {n: v for n, v in o.parameters.items() if all(m.parameters.get(n) == v for m in many)}
+    verdict = f", {o.stability.verdict}" if len(many) == 1 and o.stability else ""
+    return title_of(o.replace(parameters=common)) + verdict
 
 
 def _name(o: Orbit, many: Sequence[Orbit], labels: Sequence[str] | None) -> str:
@@ -194,4 +262,4 @@ def _name(o: Orbit, many: Sequence[Orbit], labels: Sequence[str] | None) -> str:
         return "_"
     differ = [p for p in o.parameters if len({other.parameters.get(p) for other in many}) > 1]
     orders = [f"H = {o.H}"] if len({other.H for other in many}) > 1 else []
-    return ", ".join([*(f"{p} = {o.parameters[p]:.5g}" for p in differ), *orders, *verdict]) or "_"
+    return ", ".join([*(o.naming.value(p, o.parameters[p], 5) for p in differ), *orders, *verdict]) or "_"

@@ -12,11 +12,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from hbbogie.errors import ModelError
-from hbbogie.plot.appearance import COLOURS, INK, PALE, Array, axes, figure_of, legend, styled
-from hbbogie.units import label, readable
+from hbbogie.plot.appearance import INK, NEUTRAL, PALE, Array, axes, bracketed, figure_of, legend, styled
+from hbbogie.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +31,7 @@ def column(data: xr.Dataset, name: str) -> tuple[Array, str]:
     """Return the values of an input or output, shape (N,), and their label, in a unit that is read easily."""
     values, text, unit = _own(data, name)
     factor, unit = readable(unit, float(np.nanmax(np.abs(values), initial=0.0)))
-    return factor * values, label(text, unit)
+    return factor * values, fill(bracketed(text, unit), 48)
 
 
 def _own(data: xr.Dataset, name: str) -> tuple[Array, str, str]:
@@ -60,6 +61,9 @@ def parameter_map(data: xr.Dataset, x: str, y: str, output: str, ax: Axes | None
         raise ModelError(f"map of {output!r}: fewer than three points have a value.")
     across, up = np.unique(u), np.unique(v)
     levels: Any = LEVELS if np.ptp(w[known]) > 0 else [w[known][0] - 0.5, w[known][0] + 0.5]
+    counts = bool((w[known] == np.round(w[known])).all()) and 0 < np.ptp(w[known]) < LEVELS
+    if counts:  # a level for each number
+        levels = np.arange(w[known].min() - 0.5, w[known].max() + 1)
     if len(across) * len(up) == len(w) and len(across) > 1 and len(up) > 1:
         field = np.full((len(up), len(across)), np.nan)
         field[np.searchsorted(up, v), np.searchsorted(across, u)] = w
@@ -73,7 +77,9 @@ def parameter_map(data: xr.Dataset, x: str, y: str, output: str, ax: Axes | None
         ax.plot(u[~known], v[~known], "x", color=INK, ms=4, mew=0.8, label=f"no {output}")
         legend(ax)
     ax.grid(False)
-    figure_of(ax).colorbar(filled, ax=ax, label=height_label)
+    bar = figure_of(ax).colorbar(filled, ax=ax, label=height_label)
+    if counts:
+        bar.set_ticks(list(np.unique(np.round(w[known]))))
     ax.set_xlabel(across_label)
     ax.set_ylabel(up_label)
     return ax
@@ -97,18 +103,19 @@ def distribution(
     w, text, unit = _own(data, output)  # the unit the thresholds are in
     w = np.sort(w[np.isfinite(w)])
     ax.hist(
-        w, bins=min(40, max(5, int(np.sqrt(len(w))))), color=COLOURS[0], alpha=0.55, edgecolor="white", linewidth=0.6
+        w, bins=min(40, max(5, int(np.sqrt(len(w))))), color=NEUTRAL[0], alpha=0.55, edgecolor="white", linewidth=0.6
     )
-    ax.set_xlabel(label(text, unit))
-    ax.set_ylabel("samples [1]")
+    ax.set_xlabel(bracketed(text, unit))
+    ax.set_ylabel("samples")
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     right = ax.twinx()
     right.grid(False)
     right.spines["right"].set_visible(True)
     right.step(w, np.arange(1, len(w) + 1) / len(w), where="post", color=INK, lw=1.3)
     right.set_ylim(0, 1.02)
-    right.set_ylabel("share of the samples below [1]")
+    right.set_ylabel("share of the samples below")
     for k, (value, meaning) in enumerate(thresholds):
-        ax.axvline(value, color=COLOURS[1 + k % 6], ls="--", lw=1.4, label=meaning)
+        ax.axvline(value, color=NEUTRAL[(1 + k) % len(NEUTRAL)], ls="--", lw=1.4, label=meaning)
     if thresholds:
         legend(ax)
     return ax
@@ -128,7 +135,7 @@ def sample_scatter(data: xr.Dataset, x: str, y: str, colour: str | None = None, 
     """
     ax = axes(ax)
     (u, across_label), (v, up_label) = column(data, x), column(data, y)
-    hue: Any = COLOURS[0] if colour is None else column(data, colour)[0]
+    hue: Any = NEUTRAL[0] if colour is None else column(data, colour)[0]
     dots = ax.scatter(u, v, c=hue, s=14, cmap=MAP if colour else None, alpha=0.8, linewidths=0)
     if colour is not None:
         figure_of(ax).colorbar(dots, ax=ax, label=column(data, colour)[1])
@@ -195,13 +202,13 @@ def sensitivity(
     order = np.argsort(np.asarray(total))
     places = np.arange(len(order))
     for values, errors, shift, colour, text in (
-        (first, first_error, -0.19, COLOURS[0], "first order"),
-        (total, total_error, 0.19, COLOURS[1], "total"),
+        (first, first_error, -0.19, NEUTRAL[0], "first order"),
+        (total, total_error, 0.19, NEUTRAL[1], "total"),
     ):
         v, e = np.asarray(values)[order], np.asarray(errors)[order]
         ax.barh(places + shift, v, 0.36, xerr=e, color=colour, ecolor=INK, error_kw={"lw": 1}, label=text)
     ax.set_yticks(places, [names[i] for i in order])
-    ax.set_xlabel("share of the variance [1]")
+    ax.set_xlabel("share of the variance")
     ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
     return legend(ax)
 
@@ -221,7 +228,7 @@ def prediction(sampled: ArrayLike, predicted: ArrayLike, label: str, ax: Axes | 
     u, v = np.asarray(sampled), np.asarray(predicted)
     ends = [min(u.min(), v.min()), max(u.max(), v.max())]
     ax.plot(ends, ends, color=INK, lw=1, ls="--", label="prediction = sample")
-    ax.plot(u, v, "o", ms=3.5, color=COLOURS[0], alpha=0.6, mew=0)
+    ax.plot(u, v, "o", ms=3.5, color=NEUTRAL[0], alpha=0.6, mew=0)
     ax.set_xlabel(f"sampled {label}")
     ax.set_ylabel(f"predicted {label}")
     return legend(ax)

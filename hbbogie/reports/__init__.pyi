@@ -6,7 +6,6 @@ from .comparison import table_of_methods as table_of_methods
 from .comparison import verdicts as verdicts
 from .critical import critical_of as critical_of
 from .cycle_tables import cycles_table as cycles_table
-from .cycle_tables import largest_multiplier as largest_multiplier
 from .cycles import figures_of_paper as figures_of_paper
 from .cycles import identification as identification
 from .cycles import run_of as run_of

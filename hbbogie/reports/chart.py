@@ -106,7 +106,7 @@ def _figure(found: Chart) -> Figure:
     over = np.linspace(*found.interval, 200)
     if not any(np.any(high > low) for low, high in plot.coexistence(found, over)):
         return plot.figure_of(plot.chart(found))
-    figure, ((top,), (bottom,)) = plot.panels(2, 1, (6.6, 6.4))
+    figure, ((top,), (bottom,)) = plot.panels(2, 1, (6.6, 6.6), found.system)
     plot.chart(found, top).set_xlabel("")
     plot.coexistence_width(found, bottom)
-    return figure
+    return plot.one_legend(figure)

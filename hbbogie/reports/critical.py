@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from types import ModuleType
@@ -16,15 +15,17 @@ from hbbogie.critical.speeds import critical_speeds
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
+from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.stability.multipliers import floquet
 from hbbogie.units import label
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 SHOWN = 12  # bars of the tornado chart
+LEAST = 1e-9  # elasticity that is shown
 ZERO = 1e-12  # share of the range below which a critical value is 0 but for round-off
 
 
@@ -70,9 +71,7 @@ def critical_of(
             f"Between {c.interval[0]:.6g} and {c.interval[1]:.6g} {unit}".rstrip()
             + " the equilibrium is stable and cycles exist: a disturbance larger than the unstable cycle starts them."
         )
-    figures: dict[str, Callable[[], Figure]] = (
-        {"tornado": partial(_tornado, found)} if any(c.gradient and c.value for c in found) else {}
-    )
+    figures = _bars(found, system)
     data: dict[str, Any] = {"evidence": list(critical.evidence)}
     data["critical"] = [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]
     data["coexistence"] = [{"interval": c.interval} for c in both]
@@ -178,18 +177,14 @@ def _gradients(system: System, found: list[Critical], unit: str) -> Table:
     return Table("gradients", "Gradients and elasticities", tuple(columns), tuple(rows), formats, tuple(notes))
 
 
-def _tornado(found: list[Critical]) -> Figure:
-    """Draw the elasticities of the most influential parameters as bars."""
-    from hbbogie import plot
-
+def _bars(found: list[Critical], system: System) -> Figures:
+    """Return the figure of the elasticities of the most influential parameters; none where all are zero."""
     found = [c for c in found if c.gradient and c.value]
-    names = _ranked(found)[:SHOWN][::-1]
-    figure, ((ax,),) = plot.panels(1, 1, (7.0, 0.9 + 0.36 * len(names)))
-    height = 0.8 / len(found)
-    for k, c in enumerate(found):
-        places = [i + (k - (len(found) - 1) / 2) * height for i in range(len(names))]
-        ax.barh(places, [c.elasticities[n] for n in names], height, label=f"{_kind(c)}, {c.parameter} = {c.value:.5g}")
-    ax.set_yticks(range(len(names)), names)
-    ax.axvline(0.0, color="#555555", lw=1.0)
-    ax.set_xlabel(f"elasticity d ln {found[0].parameter} / d ln p [1]")
-    return plot.one_legend(figure)
+    names = [n for n in _ranked(found)[:SHOWN] if any(abs(c.elasticities[n]) > LEAST for c in found)]
+    if not names:
+        return {}
+    parameter, plain = found[0].parameter, [system.naming.plain(n) for n in names]
+    bars = {
+        f"{_kind(c)} at {system.naming.value(parameter, c.value, 5)}": [c.elasticities[n] for n in names] for c in found
+    }
+    return {"tornado": partial(draw, "tornado", plain, bars, parameter=parameter, title=system.name)}

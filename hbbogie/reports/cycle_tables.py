@@ -12,16 +12,6 @@ from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.units import label
 
 
-def largest_multiplier(orbit: Orbit) -> float | None:
-    """Return the modulus of the largest multiplier of a cycle but the trivial one; None where unknown."""
-    if orbit.stability is None:
-        return None
-    mu = np.asarray(orbit.stability.multipliers)
-    if orbit.H and len(mu):
-        mu = np.delete(mu, np.argmin(np.abs(mu - 1)))
-    return float(np.abs(mu).max()) if len(mu) and np.isfinite(mu).all() else None
-
-
 def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cycles") -> Table:
     """Return the table of cycles: frequency, period, peak and first harmonic of every coordinate, stability.
 
@@ -41,7 +31,7 @@ def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cy
         sizes = [*(o.amplitude(c) for c, _ in named), *(o.first_harmonic(c) for c, _ in named)]
         verdict = o.stability.verdict if o.stability else None
         error = o.errors["waveform"] if o.errors else None
-        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, largest_multiplier(o), o.H, error))
+        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, o.largest_multiplier, o.H, error))
     reasons = [
         f"Cycle {i + 1}: {o.stability.reason}"
         for i, o in enumerate(orbits)

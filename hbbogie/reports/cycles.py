@@ -18,7 +18,6 @@ from hbbogie.reports.cycle_tables import (
     branches_table,
     cycles_table,
     family_value,
-    largest_multiplier,
     special_table,
 )
 from hbbogie.reports.figures import cycle_figures, diagram_figures, linear
@@ -119,7 +118,7 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
         Whether to put the multipliers by Hill's method beside the integrated ones.
     """
     at = quantity(system, parameter, system.values[parameter])
-    summaries = [{**o.summary(), "largest_multiplier": largest_multiplier(o)} for o in cycles]
+    summaries = [{**o.summary(), "largest_multiplier": o.largest_multiplier} for o in cycles]
     evidence = cycles.evidence if isinstance(cycles, Cycles) else ()
     data = {"parameters": dict(system.values), "cycles": summaries, "evidence": list(evidence)}
     notes = tuple(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence)

@@ -107,7 +107,7 @@ def design_of(
         drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in _both(design)}
         tables.append(robust_table(design, uncertain, drawn, service))
         smooth = {k: predicted(spreads(p, uncertain)) for k, p in _both(design)}
-        figures["scatter"] = partial(_scatter, drawn, smooth, service, label(f"critical {name}", unit))
+        figures["distribution"] = partial(_shares, drawn, smooth, service, label(f"critical {name}", unit))
     saved = {k: b for k, b in branches.items() if b is not None}
     return Report(f"{system.name}: design for a higher critical {name}", tuple(tables), saved, figures, notes, data)
 
@@ -341,8 +341,8 @@ def _gains(design: Design) -> Figure:
     return plot.figure_of(plot.gains(names, values, unit=design.objective.unit))
 
 
-def _scatter(drawn: dict[str, MonteCarlo], smooth: dict[str, Array], service: float | None, across: str) -> Figure:
+def _shares(drawn: dict[str, MonteCarlo], smooth: dict[str, Array], service: float | None, across: str) -> Figure:
     from hbbogie import plot
 
     samples = {k: m.values for k, m in drawn.items()}
-    return plot.figure_of(plot.scatter(samples, predictions=smooth, service=service, parameter_label=across))
+    return plot.figure_of(plot.shares(samples, predictions=smooth, service=service, parameter_label=across))

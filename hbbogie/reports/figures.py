@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbbogie.branches.diagram import Diagram
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, named
 from hbbogie.model.system import System
 from hbbogie.results import Branch, Orbit
 from hbbogie.units import label
@@ -18,6 +18,7 @@ from hbbogie.units import label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PANELS = 3  # cycles that a page has room for
 Figures = dict[str, "Callable[[], Figure]"]
 
 
@@ -51,15 +52,46 @@ def diagram_figures(system: System, found: Diagram) -> Figures:
 
 def cycle_figures(cycles: list[Orbit], system: System) -> Figures:
     """Return the figures of cycles at one value: phase portrait, waveform, spectrum, multipliers."""
-    largest, q = cycles[-1], system.coordinate_names[0]
     figures: Figures = {
         "phase_portrait": partial(draw, "orbit", cycles),
-        "waveform": partial(draw, "waveform", largest),
-        "spectrum": partial(draw, "spectrum", cycles, q),
+        "waveform": partial(_waveforms, cycles),
+        "spectrum": partial(draw, "spectrum", cycles, system.coordinate_names[0]),
     }
-    if largest.stability is not None and len(largest.stability.multipliers):
-        figures["multipliers"] = partial(draw, "multipliers", largest)
+    if any(o.stability is not None and len(o.stability.multipliers) for o in cycles):
+        figures["multipliers"] = partial(_multipliers, cycles)
     return figures
+
+
+def _told(cycles: Sequence[Orbit]) -> list[tuple[str, Orbit]]:
+    """Return the cycles that a page has room for, the largest ones, each with what it is."""
+    count, first = len(cycles), max(0, len(cycles) - PANELS)
+    words = [f"cycle {i + 1} of {count}, {o.verdict}" for i, o in enumerate(cycles)]
+    return list(zip(words, cycles, strict=True))[first:]
+
+
+def _waveforms(cycles: Sequence[Orbit]) -> Figure:
+    """Draw one period of every coordinate: a row for each cycle, a panel for each unit."""
+    from hbbogie import plot
+
+    units = list(dict.fromkeys(cycles[0].units))
+    shown = _told(cycles)
+    figure, grid = plot.panels(len(shown), len(units), title=plot.title_of(cycles[0]))
+    for row, (words, o) in zip(grid, shown, strict=True):
+        for ax, unit in zip(row, units, strict=True):
+            plot.waveform(o, [c for c, u in zip(o.coordinates, o.units, strict=True) if u == unit], ax=ax)
+            ax.set_title(words, fontsize=10)
+    return plot.one_legend(figure)
+
+
+def _multipliers(cycles: Sequence[Orbit]) -> Figure:
+    """Draw the multipliers of each cycle in the complex plane."""
+    from hbbogie import plot
+
+    shown = [(w, o) for w, o in _told(cycles) if o.stability is not None and len(o.stability.multipliers)]
+    figure, (row,) = plot.panels(1, len(shown), (4.4 * len(shown), 4.6), plot.title_of(cycles[0]))
+    for ax, (words, o) in zip(row, shown, strict=True):
+        plot.multipliers(o, ax=ax).set_title(words, fontsize=10)
+    return plot.one_legend(figure)
 
 
 def draw_backbone(family: Branch, coordinate: str) -> Figure:
@@ -108,6 +140,7 @@ def plot_branch(saved: Branch, path: Path, coordinate: str | None = None, quanti
     """
     from hbbogie import plot
 
+    named("plot", "quantity", quantity, plot.QUANTITIES)
     if len(saved) == 1:
         return plot.save(draw("orbit", saved.orbits[0], x=coordinate), path)
     return plot.save(draw("branch", saved, y=coordinate, quantity=quantity), path)

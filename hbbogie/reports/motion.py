@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hbbogie.errors import ModelError
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.motion.integration import simulate
@@ -20,6 +23,10 @@ from hbbogie.results.failure import ConvergenceError
 from hbbogie.units import label, per_second
 
 START = 4.0  # in units of the amplitude scale
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PERIODS = 5  # at the end of a motion, shown once more
 LONGEST = 200.0  # s that a motion is followed beyond its end to see where it settles
 
 
@@ -71,8 +78,27 @@ def simulated(
             "amplitude": settled.amplitudes,
             "status": settled.status,
         }
-    figures: Figures = {"time_history": partial(draw, "time_history", motion)}
+    figures: Figures = {"time_history": partial(_history, motion)}
     return Report(system.name, tables, {}, figures, tuple(notes), data, (history_table(motion),))
+
+
+def _history(motion: Trajectory) -> Figure:
+    """Draw a motion over time; a long one as a whole, and its last periods below."""
+    from hbbogie import plot
+
+    try:
+        length = PERIODS * motion.period()
+    except ModelError:  # it does not oscillate
+        length = float("inf")
+    whole = motion.t[-1] - motion.t[0]
+    if whole < 4 * length:
+        return draw("time_history", motion)
+    figure, ((top,), (bottom,)) = plot.panels(2, 1, (7.2, 5.6), plot.title_of(motion))
+    plot.time_history(motion, ax=top).set_title("the whole motion", fontsize=10)
+    late = motion.t >= motion.t[-1] - length
+    end = replace(motion, t=motion.t[late], q=motion.q[late], v=motion.v[late])
+    plot.time_history(end, ax=bottom).set_title(f"the last {PERIODS} periods", fontsize=10)
+    return plot.one_legend(figure)
 
 
 def settled_table(system: System, settled: Settled) -> Table:

@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hbbogie.errors import ModelError
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, named
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.figures import Figures
 from hbbogie.reports.table import Table, plain
 from hbbogie.results.branch import Branch
+
+FORMS = ("png", "pdf", "svg")  # of figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +46,12 @@ class Report:
     data: dict[str, Any] = field(default_factory=dict)
     long_tables: tuple[Table, ...] = ()
 
-    def write(self, directory: str | Path, progress: Progress = silent) -> list[Path]:
-        """Write branches as NetCDF, tables as CSV and figures as PNG; return the files written.
+    __repr__ = brief
+
+    def write(
+        self, directory: str | Path, progress: Progress = silent, *, form: str = "png", figures: bool = True
+    ) -> list[Path]:
+        """Write branches as NetCDF, tables as CSV and figures; return the files written.
 
         Parameters
         ----------
@@ -52,12 +59,17 @@ class Report:
             Made where it does not exist.
         progress : callable
             Called with (message, fraction done).
+        form : {"png", "pdf", "svg"}
+            Of the figures.
+        figures : bool
+            Whether figures are drawn.
 
         Raises
         ------
         ModelError
             When the directory cannot be made or written.
         """
+        named("report", "form of figures", form, FORMS)
         folder, files = check_directory(directory), []
         for name, branch in self.branches.items():
             files.append(folder / f"{name}.nc")
@@ -65,11 +77,11 @@ class Report:
         for table in (*self.tables, *self.long_tables):
             files.append(folder / f"{table.name}.csv")
             table.to_csv(files[-1])
-        for i, (name, draw) in enumerate(self.figures.items()):
+        for i, (name, draw) in enumerate(self.figures.items() if figures else ()):
             from hbbogie import plot
 
             progress(f"drawing {name}", i / len(self.figures))
-            files.append(plot.save(draw(), folder / f"{name}.png"))
+            files.append(plot.save(draw(), folder / f"{name}.{form}"))
         return files
 
     def as_dict(self) -> dict[str, Any]:

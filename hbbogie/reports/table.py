@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 
 
@@ -38,6 +39,8 @@ class Table:
     rows: tuple[tuple[Any, ...], ...]
     formats: tuple[str, ...]
     notes: tuple[str, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         widths = {len(row) for row in self.rows} | {len(self.formats)}

@@ -13,6 +13,7 @@ from .equilibria import HopfPoints as HopfPoints
 from .failure import ConvergenceError as ConvergenceError
 from .hysteresis import Hysteresis as Hysteresis
 from .hysteresis import Passage as Passage
+from .naming import Naming as Naming
 from .orbit import Orbit as Orbit
-from .orbit import Stability as Stability
+from .stability import Stability as Stability
 from .trajectory import Trajectory as Trajectory

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import lines
 from hbbogie.results.netcdf import read, write
+from hbbogie.results.pictures import draw, page
+from hbbogie.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,6 +75,26 @@ class Basin:
     stable: Array
     parameters: dict[str, float]
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{int(self.count(o).sum())} {o}" for o in OUTCOMES)
+        low, high = float(self.amplitudes.min()), float(self.amplitudes.max())
+        factor, unit = readable(self.unit, max(abs(low), abs(high)))
+        values = f"{self.parameter} from {self.values.min():.6g} to {self.values.max():.6g} {self.parameter_unit}"
+        return lines(
+            f"Basin of {self.system}: {self.outcome.size} motions, {values}".rstrip(),
+            counts,
+            f"initial amplitude of {self.coordinate} {factor * low:.4g} to {factor * high:.4g} {unit}".rstrip(),
+            f"factors multiply {self.direction}",
+            *self.notes[:2],
+        )
+
+    def _repr_html_(self) -> str:
+        return page(repr(self), (), "basin", self)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the map; options and the axes returned as of `hbbogie.plot.basin`."""
+        return draw("basin", self, **options)
 
     def count(self, outcome: str) -> NDArray[np.int_]:
         """Return how many motions end so at each value of the parameter, shape (values,)."""

@@ -5,18 +5,21 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import lines
 from hbbogie.results.ending import Ending
 from hbbogie.results.netcdf import write
+from hbbogie.results.pictures import draw, page
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
+SHOWN = 6  # special points shown at most
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,6 +60,19 @@ class CriticalCurve:
 
     def __len__(self) -> int:
         return len(self.values)
+
+    def __repr__(self) -> str:
+        kind = "folds" if self.kind == "fold" else "Hopf points"
+        if not len(self):
+            return f"Curve of {kind}: no points"
+        kinds = ", ".join(dict.fromkeys(self.character))
+        low, high = self.extent
+        return lines(
+            f"Curve of {kind}: {len(self)} points, {kinds}",
+            f"second parameter {low:.6g} to {high:.6g}, critical value {self.values.min():.6g} to "
+            f"{self.values.max():.6g}, residual up to {self.residual.max():.1g}",
+            *(f"{word}: {end}" for word, end in zip(("begins", "ends"), self.ends, strict=True) if str(end)),
+        )
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -122,6 +138,29 @@ class Chart:
     without_hopf: tuple[tuple[float, float], ...]
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        def ranges(some: tuple[tuple[float, float], ...]) -> str:
+            return ", ".join(f"{low:.5g} to {high:.5g}" for low, high in some)
+
+        points = [f"{s.kind} at ({s.over_value:.6g}, {s.value:.6g})" for s in self.special[:SHOWN]]
+        return lines(
+            f"Chart of {self.system}: {self.labels[0]} over {self.labels[1]} from {self.interval[0]:g} to "
+            f"{self.interval[1]:g}",
+            f"{len(self.folds)} curves of folds, {len(self.hopf)} of Hopf points, {sum(map(len, self.curves))} points",
+            "; ".join(points),
+            f"no fold found for {self.over} from {ranges(self.without_fold)}" if self.without_fold else "",
+            f"no Hopf point found for {self.over} from {ranges(self.without_hopf)}" if self.without_hopf else "",
+            f"{len(self.notes)} sentences in .notes" if self.notes else "",
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [(s.kind, f"{s.over_value:.6g}", f"{s.value:.6g}") for s in self.special]
+        return page(repr(self), [("point", self.over, self.parameter), *rows] if rows else (), "chart", self)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the chart; options and the axes returned as of `hbbogie.plot.chart`."""
+        return draw("chart", self, **options)
+
     @property
     def curves(self) -> tuple[CriticalCurve, ...]:
         """All curves, those of folds first."""
@@ -137,18 +176,26 @@ class Chart:
         for name in ("values", "over_values", "omega", "slope", "side", "residual"):
             label = {"values": first, "over_values": second}.get(name, name)
             parts = [np.asarray(getattr(c, name)) for c in curves]
-            data[label] = ("point", np.concatenate(parts) if parts else np.empty(0))
+            data[label] = ("point", np.concatenate(parts) if parts else np.empty(0), {"units": self._unit(name)})
         data["character"] = ("point", np.array([x for c in curves for x in c.character], dtype=str))
         data["kind"] = ("curves", np.array([c.kind for c in curves], dtype=str))
         for name in ("kind", "curve", "status"):
             data[f"special_{name}"] = ("special", np.array([getattr(s, name) for s in self.special], dtype=str))
         for name, label in (("value", first), ("over_value", second), ("omega", "omega")):
-            data[f"special_{label}"] = ("special", np.array([getattr(s, name) for s in self.special], dtype=float))
+            numbers = np.array([getattr(s, name) for s in self.special], dtype=float)
+            data[f"special_{label}"] = ("special", numbers, {"units": self._unit(name)})
         attributes = {name: json.dumps(getattr(self, name)) for name in ("labels", "span", "interval", "notes")}
         attributes |= {"ends": json.dumps([[str(end) for end in c.ends] for c in curves])}
         attributes |= {"without_fold": json.dumps(self.without_fold), "without_hopf": json.dumps(self.without_hopf)}
         names = {"system": self.system, "parameter": first, "over": second}
         return xr.Dataset(data, attrs=names | attributes)
+
+    def _unit(self, name: str) -> str:
+        """Return the unit of a field of curves or points, those of the parameters from their labels."""
+        first, second = (text.rpartition("[")[2].rstrip("]") or "1" for text in self.labels)
+        quotient = first if second == "1" else f"({first})/({second})"
+        known = {"value": first, "values": first, "over_value": second, "over_values": second, "omega": "rad/s"}
+        return known.get(name) or (quotient if name == "slope" else "1")
 
     def save(self, path: str | Path) -> None:
         """Write the chart to a NetCDF file."""

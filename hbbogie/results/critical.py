@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
+from hbbogie.brief import lines
 from hbbogie.results.orbit import NOT_RESOLVED, Orbit
+from hbbogie.results.pictures import page
+
+SHOWN = 5  # largest elasticities shown
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,6 +51,27 @@ class Critical:
     curvature: float
     status: str
     error: float = float("nan")
+
+    def __repr__(self) -> str:
+        kind = "Hopf point" if self.kind == "hopf" else self.kind
+        at = self.orbit.naming.value(self.parameter, self.value, 9)
+        largest = sorted(self.elasticities.items(), key=lambda e: -abs(np.nan_to_num(e[1])))[:SHOWN]
+        known = np.isfinite(self.error)
+        return lines(
+            f"{self.orbit.system}: {kind} at {at}" + (f", {self.extremum}" if self.extremum else ""),
+            f"omega {self.omega:.8g} rad/s, residual {self.residual:.1g}" + (f", error {self.error:.1g}" * bool(known)),
+            "per cent for one per cent: " + ", ".join(f"{n} {e:+.3g}" for n, e in largest)
+            if largest
+            else "no gradient",
+            self.status,
+        )
+
+    def _repr_html_(self) -> str:
+        naming, elastic = self.orbit.naming, self.elasticities
+        order = sorted(self.gradient, key=lambda n: -abs(np.nan_to_num(elastic[n])))
+        rows = [(naming.plain(n), f"{self.gradient[n]:.5g}", f"{elastic[n]:+.4g}") for n in order]
+        head = "parameter", f"d{self.parameter} by it", "% for 1 %"
+        return page(repr(self), [head, *rows] if rows else ())
 
     @property
     def resolved(self) -> bool:

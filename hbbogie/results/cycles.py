@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from hbbogie.brief import LINES, columns
 from hbbogie.results.orbit import Orbit
+from hbbogie.results.pictures import page
 
 
 class Cycles(list[Orbit]):
-    """Cycles by growing amplitude: a list with the evidence behind it.
+    """Cycles by growing amplitude: a list with the evidence behind it, which prints as a table.
 
     Parameters
     ----------
@@ -21,11 +23,31 @@ class Cycles(list[Orbit]):
         super().__init__(orbits)
         self.evidence = tuple(evidence)
 
+    def rows(self) -> list[list[str]]:
+        """Return the cycles as a table of text: the head, then period, frequency, peaks, verdict and error of each."""
+        names = list(self[0].coordinates[:COORDINATES]) if self else []
+        table = [["", "period [s]", "omega [rad/s]", *(f"peak {n}" for n in names), "stability", "multiplier", "error"]]
+        for i, o in enumerate(self):
+            largest, peaks = o.largest_multiplier, o.peaks()
+            error = f"{o.errors['waveform']:.0e}" if o.errors else ""
+            shown = ["" if largest is None else f"{largest:.5g}", error]
+            judged = o.stability.verdict if o.stability else "not judged"
+            sizes = [peaks.get(n, "") for n in names]
+            table.append([str(i), f"{o.period:.7g}", f"{o.omega:.7g}", *sizes, judged, *shown])
+        return table
+
     def __repr__(self) -> str:
-        found = [f"period {o.period:.6g} s, {o.stability.verdict if o.stability else 'not judged'}" for o in self]
-        counted = f"{len(self.evidence)} sentences on what was searched in .evidence"
-        shown = [] if self else [*self.evidence[:SHOWN]]
-        return "\n  ".join([f"{len(self)} cycle(s)", *found, *shown, counted])
+        counted = f"{len(self)} cycle{'s' * (len(self) != 1)}"
+        of = f" of {self[0].system} at {self[0].naming.values(self[0].parameters)}" if self else ""
+        shown = columns(self.rows()[: LINES - 1]) if self else list(self.evidence[:SHOWN])
+        more = [f"... {len(self) - LINES + 2} more"] if len(self) > LINES - 2 else []
+        said = [f"searched: {len(self.evidence)} sentences in .evidence"] if self.evidence else []
+        return "\n  ".join([(counted + of).removesuffix(" at "), *shown, *more, *said])
+
+    def _repr_html_(self) -> str:
+        return page(repr(self).partition("\n")[0], self.rows()[: 1 + DRAWN], "orbit" if self else "", self[:DRAWN])
 
 
-SHOWN = 3
+SHOWN = 3  # sentences where there is no cycle
+DRAWN = 8  # cycles drawn in a thumbnail
+COORDINATES = 2  # whose peaks are shown

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from hbbogie.brief import lines
 from hbbogie.results.branch import Branch, SpecialPoint
+from hbbogie.results.pictures import page
 
 ONE_VALUE = 1e-10  # share of the interval up to which two values are one
 
@@ -44,8 +46,12 @@ class Equilibria:
 
     def __repr__(self) -> str:
         low, high = self.interval
-        head = f"{len(self.branches)} branch(es) of equilibria, {self.parameter} from {low:g} to {high:g}"
-        return "\n".join([head, *(f"  {sentence}" for sentence in self.evidence)])
+        head = f"{len(self)} branch{'es' * (len(self) != 1)} of equilibria, {self.parameter} from {low:g} to {high:g}"
+        points = [s.headline for b in self.branches for s in b.special]
+        return lines(head, "; ".join(points), *self.evidence)
+
+    def _repr_html_(self) -> str:
+        return page(repr(self))
 
 
 def in_order(points: Iterable[SpecialPoint], interval: tuple[float, float]) -> list[SpecialPoint]:
@@ -70,4 +76,7 @@ class HopfPoints(list[SpecialPoint]):
 
     def __repr__(self) -> str:
         points = [f"{s.parameter} = {s.value:.9g}, omega = {s.omega:.6g}: {s.status}" for s in self]
-        return "\n  ".join([f"{len(self)} Hopf point(s)", *points, *self.evidence])
+        return lines(f"{len(self)} Hopf point{'s' * (len(self) != 1)}", *points, *self.evidence)
+
+    def _repr_html_(self) -> str:
+        return page(repr(self))

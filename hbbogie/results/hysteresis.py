@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hbbogie.brief import lines
+from hbbogie.results.pictures import draw, page
 
 Array = NDArray[np.float64]
 
@@ -37,6 +41,10 @@ class Passage:
     event: float
     predicted: float
     status: str
+
+    def __repr__(self) -> str:
+        way = "falling" if self.rate < 0 else "rising"
+        return lines(f"Passage, {way} by {abs(self.rate):g} per second: event at {self.event:.6g}", self.status)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,6 +84,24 @@ class Hysteresis:
     fold: float
     hopf: float
     parameters: dict[str, float]
+
+    def __repr__(self) -> str:
+        rates, unit = ", ".join(f"{r:g}" for r in self.rates), self.parameter_unit
+        return lines(
+            f"Hysteresis of {self.system}: {self.parameter} from {self.interval[0]:g} to {self.interval[1]:g} "
+            f"{unit}".rstrip(),
+            f"fold at {self.fold:.6g}, Hopf point at {self.hopf:.6g} {unit}".rstrip(),
+            f"rates {rates}; level of {self.coordinate} {self.level:.4g} {self.unit}: {self.meaning}",
+            "dies out at " + ", ".join(f"{p.event:.6g}" for p in self.falling),
+            "starts at " + ", ".join(f"{p.event:.6g}" for p in self.rising),
+        )
+
+    def _repr_html_(self) -> str:
+        return page(repr(self), (), "hysteresis", self)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the runs; options and the axes returned as of `hbbogie.plot.hysteresis`."""
+        return draw("hysteresis", self, **options)
 
     @property
     def rates(self) -> Array:

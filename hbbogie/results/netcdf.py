@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, as_path
 
 T = TypeVar("T")
 
@@ -41,10 +41,14 @@ def _unpack_complex(data: xr.Dataset, name: str, i: int) -> NDArray[np.complex12
 
 def write(data: xr.Dataset, path: str | Path) -> None:
     """Write a dataset to a NetCDF file; raise `ModelError` when its directory does not exist."""
-    target = Path(path)
+    target = as_path("file to write", path)
     if not target.parent.is_dir():
         raise ModelError(f"cannot write {str(target)!r}: the directory {str(target.parent)!r} does not exist; make it.")
-    data.to_netcdf(target, engine="h5netcdf")
+    try:
+        data.to_netcdf(target, engine="h5netcdf")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ModelError(f"cannot write {str(target)!r}: {reason}; give a file in a folder of yours.") from error
 
 
 def read(path: str | Path, take: Callable[[xr.Dataset], T]) -> T:
@@ -57,10 +61,11 @@ def read(path: str | Path, take: Callable[[xr.Dataset], T]) -> T:
     """
     import xarray as xr
 
-    if not Path(path).is_file():
+    file = as_path("file to read", path)
+    if not file.is_file():
         raise ModelError(f"no file {str(path)!r}; give a NetCDF file written by this package.")
     try:
-        with xr.open_dataset(path, engine="h5netcdf") as data:
+        with xr.open_dataset(file, engine="h5netcdf") as data:
             return take(data.load())
     except (KeyError, OSError, ValueError) as error:
         raise ModelError(f"{str(path)!r} does not hold what was saved by this package: {error}") from error

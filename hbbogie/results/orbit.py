@@ -7,57 +7,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.brief import lines
+from hbbogie.errors import named
+from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.netcdf import _pack_complex, _unpack_complex, read, write
+from hbbogie.results.pictures import draw, page
+from hbbogie.results.stability import Stability
+from hbbogie.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
+PEAKS = 8  # shown at most
 NOT_RESOLVED = "not resolved"  # what the status of a fold says that more harmonics may move or remove
-
-
-@dataclass(frozen=True, eq=False)
-class Stability:
-    """Floquet multipliers of a cycle, or eigenvalues' exponentials of an equilibrium, and the verdict.
-
-    Attributes
-    ----------
-    verdict : {"stable", "unstable", "unknown"}
-    multipliers : ndarray of complex, shape (n_states,)
-        Largest modulus first; for a cycle the trivial one is among them.
-    trivial_error : float
-        Distance of the nearest multiplier from 1 (0 for an equilibrium).
-    unstable : int
-        Number of multipliers outside the unit circle, the trivial one not counted.
-    reason : str
-        Why the verdict is what it is, a sentence.
-    half_multipliers : ndarray of complex, shape (n_states,), or None
-        Of an odd cycle, the multipliers of G = -Phi(T/2), in the order of those of the full period, which are
-        their squares; the trivial one is +1, at a fold another is +1, at a symmetry-breaking pitchfork -1.
-        None where the full period was integrated.
-    critical : complex or None
-        The nontrivial multiplier of largest modulus, over the full period.
-    mode : ndarray of complex, shape (n_states,), or None
-        Its eigenvector, the state of the disturbance at t = 0, scaled to a largest entry of 1 (all
-        coordinates, then the velocities of those of second order).
-    """
-
-    verdict: str
-    multipliers: NDArray[np.complex128]
-    trivial_error: float
-    unstable: int
-    reason: str
-    half_multipliers: NDArray[np.complex128] | None = None
-    critical: complex | None = None
-    mode: NDArray[np.complex128] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +56,8 @@ class Orbit:
     errors : dict of float, or None
         Error estimates from shooting: "omega" [rad/s], "waveform" (largest distance relative to the peak), and the
         error of each coordinate's peak by its name [its unit]. None where they were not asked for or not found.
+    naming : Naming
+        Units and descriptions of coordinates and parameters, as far as they are known.
     """
 
     system: str
@@ -100,6 +71,7 @@ class Orbit:
     status: str = ""
     stability: Stability | None = None
     errors: dict[str, float] | None = None
+    naming: Naming = NAMELESS
 
     @property
     def H(self) -> int:
@@ -118,9 +90,8 @@ class Orbit:
 
     def index(self, coordinate: str) -> int:
         """Return the place of a coordinate, by its name."""
-        if coordinate not in self.coordinates:
-            raise ModelError(f"orbit of {self.system!r}: {unknown_name('coordinate', coordinate, self.coordinates)}")
-        return self.coordinates.index(coordinate)
+        name = named(f"orbit of {self.system!r}", "coordinate", coordinate, self.coordinates)
+        return self.coordinates.index(name)
 
     @cached_property
     def extremes(self) -> tuple[Array, Array]:
@@ -163,6 +134,49 @@ class Orbit:
         """Return the orbit with some fields changed."""
         return replace(self, **changes)
 
+    @property
+    def largest_multiplier(self) -> float | None:
+        """Modulus of the largest multiplier but the trivial one; None where it is not known."""
+        return self.stability.largest(cycle=bool(self.H)) if self.stability else None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on its stability; "unknown" where none was asked for."""
+        return self.stability.verdict if self.stability else "unknown"
+
+    def peaks(self) -> dict[str, str]:
+        """Return the peak of each coordinate in words, such as "10.01 mm", by its name."""
+        found = {}
+        for name, own in zip(self.coordinates, self.units, strict=True):
+            factor, unit = readable(own, peak := self.amplitude(name))
+            found[name] = f"{factor * peak:.4g}{'' if unit in ('', '1') else ' ' + unit}"
+        return found
+
+    def __repr__(self) -> str:
+        kind = "cycle" if self.H else "equilibrium"
+        judged = self.stability.verdict if self.stability else "not judged"
+        peaks = list(self.peaks().items())
+        shown = ", ".join(f"{name} {text}".strip() for name, text in peaks[:PEAKS])
+        largest = self.largest_multiplier
+        return lines(
+            f"{self.system}: {kind}, {judged}, at {self.naming.values(self.parameters)}".removesuffix(", at "),
+            f"period {self.period:.7g} s, omega {self.omega:.7g} rad/s, {self.frequency:.6g} Hz" if self.H else "",
+            f"peaks {shown}" + (f" and {len(peaks) - PEAKS} more" if len(peaks) > PEAKS else ""),
+            f"{self.method or 'no method named'}, highest harmonic {self.H}, residual {self.residual:.1g}",
+            f"error of the waveform {self.errors['waveform']:.1g} of its peak" if self.errors else "",
+            "" if largest is None else f"largest multiplier {largest:.6g}",
+            self.stability.reason if self.stability else "",
+            self.status,
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [["coordinate", "peak"], *([self.naming.plain(c), text] for c, text in self.peaks().items())]
+        return page(repr(self), rows[: 1 + PEAKS], "orbit", self) if self.H else page(repr(self), rows[: 1 + PEAKS])
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the phase portrait; options and the axes returned as of `hbbogie.plot.orbit`."""
+        return draw("orbit", self, **options)
+
     def summary(self) -> dict[str, Any]:
         """Return the main numbers: frequency, period, peaks, first harmonics, parameters, verdict."""
         return {
@@ -187,8 +201,7 @@ class Orbit:
         """Return the orbit as a labelled dataset."""
         import xarray as xr
 
-        data, attributes = pack([self], "point")
-        return xr.Dataset(data, labels_of(self), attributes)
+        return xr.Dataset(pack([self], "point"), labels_of(self), {"system": self.system})
 
     def save(self, path: str | Path) -> None:
         """Write the orbit to a NetCDF file."""
@@ -206,23 +219,28 @@ class Orbit:
         return read(path, lambda data: unpack(data)[0])
 
 
-def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the variables of orbits of one system, padded to one highest harmonic, and the attributes."""
+def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> dict[str, Any]:
+    """Return the variables of orbits of one system, padded to one highest harmonic."""
     H = max(o.H for o in orbits)
-    first = orbits[0]
     row = "row" if not prefix else prefix + "row"
     stack = np.array([fourier.resize(o.coefficients, H) for o in orbits])
+    units = set(orbits[0].units)
+    own = {"units": (units.pop() or "1") if len(units) == 1 else "those of coordinate_unit"}
     data: dict[str, Any] = {
-        "coefficients": ((dimension, row, "coordinate"), stack, {"layout": "mean, cos 1, sin 1, cos 2, ..."}),
-        "highest_harmonic": (dimension, [o.H for o in orbits]),
-        "omega": (dimension, [o.omega for o in orbits], {"units": "rad/s"}),
-        "parameters": ((dimension, "parameter"), [list(o.parameters.values()) for o in orbits]),
+        "coefficients": ((dimension, row, "coordinate"), stack, own | {"layout": "mean, cos 1, sin 1, cos 2, ..."}),
+        "highest_harmonic": (dimension, [o.H for o in orbits], {"units": "1"}),
+        "omega": (dimension, [o.omega for o in orbits], {"units": "rad/s", "long_name": "frequency"}),
+        "parameters": (
+            (dimension, "parameter"),
+            [list(o.parameters.values()) for o in orbits],
+            {"units": "those of parameter_unit"},
+        ),
         "amplitude": (
             (dimension, "coordinate"),
             [[o.amplitude(c) for c in o.coordinates] for o in orbits],
-            {"long_name": "largest absolute value over the period"},
+            own | {"long_name": "largest absolute value over the period"},
         ),
-        "residual": (dimension, [o.residual for o in orbits]),
+        "residual": (dimension, [o.residual for o in orbits], {"units": "1", "long_name": "largest scaled residual"}),
         "errors": (dimension, np.array([json.dumps(o.errors) for o in orbits], dtype=str)),
         "method": (dimension, np.array([o.method for o in orbits], dtype=str)),
         "status": (dimension, np.array([o.status for o in orbits], dtype=str)),
@@ -232,8 +250,8 @@ def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> tuple[dic
         data |= {
             "stability": (dimension, np.array([s.verdict if s else "" for s in judged], dtype=str)),
             "stability_reason": (dimension, np.array([s.reason if s else "" for s in judged], dtype=str)),
-            "trivial_error": (dimension, [s.trivial_error if s else np.nan for s in judged]),
-            "unstable": (dimension, [s.unstable if s else -1 for s in judged]),
+            "trivial_error": (dimension, [s.trivial_error if s else np.nan for s in judged], {"units": "1"}),
+            "unstable": (dimension, [s.unstable if s else -1 for s in judged], {"units": "1"}),
         }
         critical = [None if s is None or s.critical is None else np.array([s.critical]) for s in judged]
         for name, second, rows in (
@@ -243,32 +261,17 @@ def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> tuple[dic
             ("mode", "state", [s.mode if s else None for s in judged]),
         ):
             data |= _pack_complex(name, rows, (dimension, prefix + second) if second else (dimension,))
-    attributes = {"system": first.system, "units": json.dumps(first.units)}
-    return {prefix + name: value for name, value in data.items()}, attributes
+    return {prefix + name: value for name, value in data.items()}
 
 
 def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
-    """Return the orbits that `_pack` put into a dataset."""
+    """Return the orbits that `pack` put into a dataset."""
     get = {name: data[prefix + name].values for name in ("coefficients", "highest_harmonic", "omega", "parameters")}
     coordinates = tuple(str(c) for c in data["coordinate"].values)
     names = [str(p) for p in data["parameter"].values]
-    units = tuple(json.loads(data.attrs["units"]))
+    units, naming = _named(data)
     orbits = []
     for i in range(len(get["omega"])):
-        stability = None
-        if prefix + "stability" in data and str(data[prefix + "stability"].values[i]):
-            multipliers = _unpack_complex(data, prefix + "multipliers", i)
-            critical = _unpack_complex(data, prefix + "critical", i)
-            stability = Stability(
-                str(data[prefix + "stability"].values[i]),
-                np.empty(0, dtype=complex) if multipliers is None else multipliers,
-                float(data[prefix + "trivial_error"].values[i]),
-                int(data[prefix + "unstable"].values[i]),
-                str(data[prefix + "stability_reason"].values[i]),
-                _unpack_complex(data, prefix + "half_multipliers", i),
-                None if critical is None else complex(critical[0]),
-                _unpack_complex(data, prefix + "mode", i),
-            )
         orbits.append(
             Orbit(
                 system=str(data.attrs["system"]),
@@ -280,13 +283,52 @@ def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
                 method=str(data[prefix + "method"].values[i]),
                 residual=float(data[prefix + "residual"].values[i]),
                 status=str(data[prefix + "status"].values[i]),
-                stability=stability,
+                stability=_judged(data, prefix, i),
                 errors=json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
+                naming=naming,
             )
         )
     return orbits
 
 
-def labels_of(orbit: Orbit) -> dict[str, list[str]]:
-    """Return the labels of the dimensions of a dataset of orbits."""
-    return {"coordinate": list(orbit.coordinates), "parameter": list(orbit.parameters)}
+def _judged(data: xr.Dataset, prefix: str, i: int) -> Stability | None:
+    """Return the stability of an orbit in a dataset; None where it was not judged."""
+    if prefix + "stability" not in data or not str(data[prefix + "stability"].values[i]):
+        return None
+    multipliers = _unpack_complex(data, prefix + "multipliers", i)
+    critical = _unpack_complex(data, prefix + "critical", i)
+    return Stability(
+        str(data[prefix + "stability"].values[i]),
+        np.empty(0, dtype=complex) if multipliers is None else multipliers,
+        float(data[prefix + "trivial_error"].values[i]),
+        int(data[prefix + "unstable"].values[i]),
+        str(data[prefix + "stability_reason"].values[i]),
+        _unpack_complex(data, prefix + "half_multipliers", i),
+        None if critical is None else complex(critical[0]),
+        _unpack_complex(data, prefix + "mode", i),
+    )
+
+
+def _named(data: xr.Dataset) -> tuple[tuple[str, ...], Naming]:
+    """Return the units of the coordinates, and the naming, of a dataset."""
+    if "coordinate_unit" not in data.coords:  # files of version 0.1 hold the units of the coordinates only
+        units = tuple(json.loads(data.attrs["units"]))
+        return units, NAMELESS
+    found: dict[str, dict[str, str]] = {"unit": {}, "description": {}}
+    for kind in ("coordinate", "parameter"):
+        for what, texts in found.items():
+            texts |= zip(map(str, data[kind].values), map(str, data[f"{kind}_{what}"].values), strict=True)
+    units = tuple(found["unit"][str(c)] for c in data["coordinate"].values)
+    known = [{name: text for name, text in texts.items() if text} for texts in found.values()]
+    return units, Naming(*known)
+
+
+def labels_of(orbit: Orbit) -> dict[str, Any]:
+    """Return the labels of the dimensions of a dataset of orbits: names, units and descriptions."""
+    units = {**orbit.naming.units, **dict(zip(orbit.coordinates, orbit.units, strict=True))}
+    labels: dict[str, Any] = {}
+    for kind, names in (("coordinate", orbit.coordinates), ("parameter", tuple(orbit.parameters))):
+        labels[kind] = list(names)
+        for what, texts in (("unit", units), ("description", orbit.naming.descriptions)):
+            labels[f"{kind}_{what}"] = (kind, np.array([texts.get(n, "") for n in names], dtype=str))
+    return labels

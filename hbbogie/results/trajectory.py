@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.brief import lines
+from hbbogie.errors import ModelError, named
+from hbbogie.results.naming import NAMELESS, Naming
+from hbbogie.results.pictures import draw, page
+from hbbogie.units import readable
 
 Array = NDArray[np.float64]
+SHOWN = 8  # coordinates shown at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +31,8 @@ class Trajectory:
     v : ndarray, shape (N, n), unit of the coordinate per second
     parameters : dict
     method : str
+    naming : Naming
+        Units and descriptions of coordinates and parameters, as far as they are known.
     """
 
     system: str
@@ -35,14 +43,33 @@ class Trajectory:
     v: Array
     parameters: dict[str, float] = field(default_factory=dict)
     method: str = ""
+    naming: Naming = NAMELESS
+
+    def __repr__(self) -> str:
+        ranges = []
+        for i, own in enumerate(self.units[:SHOWN]):
+            factor, unit = readable(own, float(np.abs(self.q[:, i]).max(initial=0.0)))
+            low, high = factor * self.q[:, i].min(), factor * self.q[:, i].max()
+            ranges.append(f"{self.coordinates[i]} {low:.4g} to {high:.4g}{'' if unit in ('', '1') else ' ' + unit}")
+        more = len(self.coordinates) - len(ranges)
+        return lines(
+            f"Motion of {self.system} at {self.naming.values(self.parameters)}".removesuffix(" at "),
+            f"{len(self.t)} samples from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no samples",
+            ", ".join(ranges) + (f" and {more} more" if more else "") if len(self.t) else "",
+            self.method,
+        )
+
+    def _repr_html_(self) -> str:
+        return page(repr(self), (), "time_history", self) if len(self.t) > 1 else page(repr(self))
+
+    def plot(self, **options: Any) -> Any:
+        """Draw coordinates over time; options and the axes returned as of `hbbogie.plot.time_history`."""
+        return draw("time_history", self, **options)
 
     def index(self, coordinate: str) -> int:
         """Return the place of a coordinate, by its name."""
-        if coordinate not in self.coordinates:
-            raise ModelError(
-                f"trajectory of {self.system!r}: {unknown_name('coordinate', coordinate, self.coordinates)}"
-            )
-        return self.coordinates.index(coordinate)
+        name = named(f"trajectory of {self.system!r}", "coordinate", coordinate, self.coordinates)
+        return self.coordinates.index(name)
 
     def at(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return coordinates and velocities at the times t [s], each of shape (len(t), n).

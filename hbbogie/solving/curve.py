@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
+from hbbogie.brief import brief
 from hbbogie.results.ending import Ending
 
 Array = NDArray[np.float64]
@@ -60,6 +61,8 @@ class Dense:
 
     residual: Array
     jacobian: Array
+
+    __repr__ = brief
 
     def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
         """Solve the bordered equations by LU factorisation, see `Linearised`."""
@@ -126,6 +129,8 @@ class Point:
     tangent: Array
     residual: Array
     orientation: float = 0.0
+
+    __repr__ = brief
 
     @property
     def error(self) -> float:

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
@@ -53,6 +54,8 @@ class Optimum:
     residual: float
     iterations: int
     status: str
+
+    __repr__ = brief
 
 
 def minimise(

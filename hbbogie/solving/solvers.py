@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError, door, positive, unknown_name
 from hbbogie.methods.equations import Equations, SolvesItself
 from hbbogie.methods.level import within_level
 from hbbogie.results import Orbit
@@ -81,6 +81,7 @@ def solve(
 ) -> Optimum: ...
 
 
+@door(equations=(Equations, SolvesItself), guess=Orbit, amplitude=Mapping, free=(str, Sequence))
 def solve(
     equations: Equations | SolvesItself,
     guess: Orbit,
@@ -156,6 +157,7 @@ def solve(
             )
         return equations.solve(guess, **fixed)
     equations = within_level(equations.phased(guess), guess)
+    tolerance = positive("solve: tolerance", tolerance, "1")
     if minimise is not None:
         if amplitude is not None or free is None or method != "auto":
             raise ModelError("solve: minimise= combines only with free= and subject_to=; omit amplitude= and method=.")

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 
-from hbbogie.errors import ModelError
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.stability.multipliers import sides
@@ -49,7 +50,10 @@ class HillStability:
     unstable: int
     reason: str
 
+    __repr__ = brief
 
+
+@door(system=System, orbit=Orbit)
 def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, tolerance: float = 1e-2) -> HillStability:
     """Return the Floquet exponents of a cycle by Hill's method, without integrating anything.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.model.conserved import conserved_quantities, expression, state_names
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
@@ -26,6 +26,7 @@ CANDIDATES = 0.3  # distance from 1 up to which a multiplier may be the trivial 
 ALIGNED = 0.999  # ratio of cosines of angles with the motion's direction above which they count as equal
 
 
+@door(system=System, orbit=Orbit)
 def floquet(
     system: System,
     orbit: Orbit,

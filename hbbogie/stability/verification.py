@@ -9,7 +9,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError, positive
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.conserved import conserved_quantities, state_names
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
@@ -37,8 +38,7 @@ class Verification:
     Attributes
     ----------
     orbit : Orbit
-        The polished cycle, in phase with the given one, with its multipliers and verdict. Its frequency is as accurate
-        as ``closure``. Its Fourier series is truncated (see ``orbit.tail``).
+        The polished cycle, in phase with the given one. Its frequency is as accurate as ``closure``.
     amplitudes : dict of float, unit of the coordinate
         Its peaks, without truncation.
     omega_error : float, rad/s
@@ -50,14 +50,12 @@ class Verification:
     defect : float
         Largest residual of the equations along the given waveform, relative to the largest of their linear terms.
     closure : float
-        Largest jump of a state, relative to its size, between neighbouring elements of the polished motion when each
-        element is integrated again in two halves.
+        Largest relative jump of a state between neighbouring elements, each integrated again in two halves.
     trivial_error : float
         Distance of the nearest multiplier from 1.
     isolated : bool
         False if the cycle belongs to a continuous family. Its errors then mean little.
-    status : str
-        A sentence on how it ended.
+    status : str, a sentence
     """
 
     orbit: Orbit
@@ -71,12 +69,15 @@ class Verification:
     isolated: bool
     status: str
 
+    __repr__ = brief
+
     @property
     def multipliers(self) -> NDArray[np.complex128]:
         """Floquet multipliers of the polished cycle, shape (n_states,), largest modulus first."""
         return self.orbit.stability.multipliers if self.orbit.stability else np.empty(0, dtype=complex)
 
 
+@door(system=System, orbit=Orbit)
 def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verification:
     """Polish a cycle by multiple shooting and measure the errors of the given one.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, as_path, of_kind
 from hbbogie.model.system import System
 from hbbogie.studies.jobs import output_units
 from hbbogie.studies.optional import required
@@ -95,7 +95,7 @@ def names_of(data: xr.Dataset, what: str) -> list[str]:
 
 def check_export(path: str | Path) -> Path:
     """Return the path of an export; raise `ModelError` where its ending or directory is wrong."""
-    target = Path(path)
+    target = as_path("file to export to", path)
     if target.suffix not in FORMATS:
         raise ModelError(f"cannot export to {str(target)!r}: give a name that ends in {', '.join(FORMATS)}.")
     if not target.parent.is_dir():
@@ -117,6 +117,9 @@ def export(data: xr.Dataset, path: str | Path) -> Path:
     ModelError
         For another ending, a directory that does not exist, Parquet without pyarrow, or a file that cannot be written.
     """
+    import xarray as xr
+
+    of_kind("export", data, xr.Dataset)
     target = check_export(path)
     with replacing(target) as part:
         _write(data, part, target.suffix)

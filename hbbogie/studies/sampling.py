@@ -7,6 +7,7 @@ distribution of `scipy.stats` stands for itself, and a grid takes the values the
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,13 +18,15 @@ from typing import Any, SupportsFloat
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError
+from hbbogie.brief import brief
+from hbbogie.errors import ModelError, door, of_kind, positive, told
 from hbbogie.model.system import System
 from hbbogie.studies.distributions import distribution
 from hbbogie.studies.optional import required
 from hbbogie.units import unit_factor
 
 Array = NDArray[np.float64]
+MOST = 10_000_000  # points of a grid
 INSIDE = 1e-12  # distance of a quantile from 0 and 1, where many distributions are infinite
 
 
@@ -49,6 +52,8 @@ class Points:
     kind: str
     seed: int | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not self.names or len(self.values) == 0:
@@ -95,7 +100,7 @@ def as_points(points: Points | Mapping[str, Any] | Sequence[Mapping[str, float]]
     if isinstance(points, Sequence) and not isinstance(points, str):
         return listed(points)
     raise ModelError(
-        f"points: got {points!r}; give a mapping from name to values, a list of mappings, or what `sobol` returns."
+        f"points: got {told(points)}; give a mapping from name to values, a list of mappings, or what `sobol` returns."
     )
 
 
@@ -106,9 +111,12 @@ def grid(axes: Mapping[str, Any]) -> Points:
     ----------
     axes : mapping from name to values, shape (k,), unit of the parameter
     """
-    if not axes:
+    if isinstance(axes, Mapping) and not axes:
         raise ModelError("grid: no parameter; give the values of at least one, such as {'lam': [0.02, 0.05]}.")
+    of_kind("grid", axes, Mapping)
     columns = [_axis(name, v) for name, v in axes.items()]
+    if (count := math.prod(map(len, columns))) > MOST:
+        raise ModelError(f"grid: {count:.3g} points; give {MOST:g} at most, or take `sobol` or `latin_hypercube`.")
     mesh = np.meshgrid(*columns, indexing="ij")
     return Points(tuple(axes), np.stack([m.ravel() for m in mesh], axis=1), "grid")
 
@@ -120,7 +128,7 @@ def _axis(name: str, given: Any) -> Array:
     except (TypeError, ValueError):
         values = np.empty((0, 0))
     if values.ndim != 1:
-        raise ModelError(f"grid: parameter {name!r}: got {given!r}; give a list of numbers.")
+        raise ModelError(f"grid: parameter {name!r}: got {told(given)}; give a list of numbers.")
     return values
 
 
@@ -179,6 +187,7 @@ def from_csv(path: str | Path) -> Points:
     return replace(listed(rows), units=units)
 
 
+@door(system=System)
 def around(system: System, share: float, names: Sequence[str] | None = None) -> dict[str, tuple[float, float]]:
     """Return the ranges from (1 - share) to (1 + share) times the system's values.
 
@@ -190,8 +199,7 @@ def around(system: System, share: float, names: Sequence[str] | None = None) -> 
     names : sequence of str, optional
         All parameters that enter an equation and are not zero where left out.
     """
-    if not share > 0:
-        raise ModelError(f"around: got {share!r}; give a share above 0, such as 0.2 for plus and minus 20 %.")
+    share = positive("around: share, such as 0.2 for plus and minus 20 %", share, "1")
     if names is None:
         names = [n for n, v in system.values.items() if v and n not in system.inactive_parameters]
     found = {}
@@ -284,6 +292,7 @@ def _seed(seed: int) -> int:
 
 def _count(distributions: Mapping[str, Any], count: float) -> int:
     """Return a number of points, of at least one parameter, as an integer."""
+    of_kind("points", distributions, Mapping)
     if not distributions:
         raise ModelError("points: no parameter; give the range or distribution of at least one.")
     if not isinstance(count, int | float | np.number) or not 1 <= count < np.inf or count != int(count):

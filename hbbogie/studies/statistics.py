@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.studies.dataset import names_of
 from hbbogie.studies.optional import required
@@ -71,6 +72,8 @@ class Indices:
     used: int
     dropped: int
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -92,6 +95,8 @@ class Prediction:
     rms: float
     worst: float
     explained: float
+
+    __repr__ = brief
 
 
 def values_of(data: xr.Dataset, output: str) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hbbogie.brief import brief
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.model.problem import load_problem, shipped_folder, shipped_problems, system_of
 from hbbogie.model.system import System
@@ -59,6 +60,8 @@ class Study:
     points: Points
     outputs: tuple[str, ...]
     figures: tuple[dict[str, Any], ...]
+
+    __repr__ = brief
 
 
 def shipped_studies() -> dict[str, Path]:

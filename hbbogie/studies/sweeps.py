@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures as cf
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import chdir
 from dataclasses import replace
@@ -11,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.model.problem import default_interval, load_problem, shipped_problems
 from hbbogie.model.system import System
 from hbbogie.parallel.processes import interruptions
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 
 @interruptions(raising=True)  # counted from here on: CasADi loses the exception while the system is built, too
+@door(problem=(str, os.PathLike, System), scheduler=str)
 def sweep(
     job: str | Callable[..., Outputs],
     points: Points | Mapping[str, Any] | Sequence[Mapping[str, float]],
@@ -117,8 +119,7 @@ def sweep(
     chosen = chosen.of_system(system)
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:
         raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
-    if workers is not None and (not isinstance(workers, int) or workers < 0):
-        raise ModelError(f"sweep: workers = {workers!r}; give a whole number, 0 for this process.")
+    workers = None if workers is None else whole("sweep: workers (0 for this process)", workers, 0)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise ModelError(f"sweep: executor = {executor!r}; give a concurrent.futures.Executor.")
     begun = store is not None and Path(store).exists()

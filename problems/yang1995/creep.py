@@ -127,11 +127,15 @@ def _correlation(name: str, fit: Identification) -> Table:
 
 
 def _figure(fits: dict[str, Identification]) -> Figure:
-    """Draw the misfit of speed, frequency and rear amplitude, state by state."""
+    """Draw the misfit of speed, frequency and rear amplitude, printed less computed, state by state."""
     from hbbogie import plot
 
     figure, axes = plot.panels(1, 3, (13.0, 3.9))
-    shown = (("V", "speed V [m/s]", 1.0), ("omega", "frequency omega [rad/s]", 1.0), ("q3", "rear amplitude [mm]", 1e3))
+    shown = (
+        ("V", "misfit of V [m/s]", 1.0),
+        ("omega", "misfit of omega [rad/s]", 1.0),
+        ("q3", "misfit of a2 [mm]", 1e3),
+    )
     states = [s.state for s in TABLE_1]
     for ax, (quantity, text, factor) in zip(axes[0], shown, strict=True):
         room = 0.0
@@ -139,12 +143,12 @@ def _figure(fits: dict[str, Identification]) -> Figure:
             residuals = factor * fit.residuals[:, fit.quantities.index(quantity)]
             room = max(room, 1.2 * float(np.nanmax(np.abs(np.delete(residuals, fit.outliers)))))
             ax.plot(states, residuals, marker, ms=5, label=name)
-        for k, i in enumerate(fit.outliers):
-            if abs(residuals[i]) > room:  # named where it would lie: to show it would flatten all others
-                text_at = (states[i], np.sign(residuals[i]) * (0.93 - 0.07 * k) * room)
-                ax.annotate(f"state {states[i]}: {residuals[i]:.2f}", text_at, ha="center", fontsize=8)
+        # to show outliers would flatten all others: they are named above
+        beyond = [f"state {states[i]}: {residuals[i]:.2f}" for i in fit.outliers if abs(residuals[i]) > room]
+        if beyond:
+            ax.set_title(f"beyond the axis, {name}: {', '.join(beyond)}", fontsize=8.5, loc="right")
         ax.set_ylim(-room, room)
         ax.axhline(0.0, color="#888888", lw=1.0, zorder=1)
         ax.set_xlabel("state of Table 1")
-        ax.set_ylabel(f"printed - computed, {text}", fontsize=9)
+        ax.set_ylabel(text)
     return plot.one_legend(figure)

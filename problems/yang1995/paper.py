@@ -398,7 +398,7 @@ def _figure_2(system: System) -> Figure:
     law = DeadBand(K0, y0)
     ax.plot(1e3 * Y, 1e-6 * np.asarray(describing_function(law, Y)), label="first order")
     ax.plot(1e3 * Y, 1e-6 * np.asarray(describing_function(law, Y, order=2)), "--", label="second order")
-    ax.axhline(1e-6 * K0, color="#888888", lw=1.0, label="K0")
+    ax.axhline(1e-6 * K0, color="#888888", lw=1.0, label="flange stiffness K0")
     ax.axvline(1e3 * y0, color="#888888", lw=1.0, ls=":", label="flange clearance y0")
     ax.set_xlabel("amplitude Y [mm]")
     ax.set_ylabel("equivalent stiffness [MN/m]")

@@ -340,7 +340,7 @@ def _harmonics(convergence: Table) -> Figure:
             (("frequency", "o"), ("front wheelset, peak", "s"), ("rear wheelset, peak", "^"))
         ):
             ax.loglog([r[0] for r in rows], [r[2 + k] for r in rows], marker + "-", label=label)
-        ax.set_xlabel("highest harmonic H [1]")
+        ax.set_xlabel("highest harmonic H")
         ax.set_ylabel(f"largest error against H = {TRUTH} [%]")
         ax.set_xticks([r[0] for r in rows], [str(r[0]) for r in rows])
         ax.minorticks_off()

@@ -237,3 +237,11 @@ def test_interruption():
     run.send_signal(signal.SIGINT)
     out, err = run.communicate(timeout=60)
     assert run.returncode == 130 and out == "" and "interrupted" in err and "Traceback" not in err
+
+
+def test_figures_are_left_out_or_of_the_form_asked_for(tmp_path):
+    for options, endings in ((["--no-figures"], set()), (["--format", "svg"], {".svg"})):
+        folder = tmp_path / "".join(options)
+        result = CliRunner().invoke(app, ["cycles", "van_der_pol", "--output", str(folder), *options])
+        assert result.exit_code == 0, result.output
+        assert {f.suffix for f in folder.iterdir()} == {".nc", ".csv"} | endings

@@ -312,7 +312,7 @@ def test_wrong_input(bogie):
         hb.chart(bogie, "V", "lambda")
     with pytest.raises(hb.ModelError, match="low < high"):
         hb.chart(bogie, "V", "lam", (0.3, 0.02))
-    with pytest.raises(hb.ModelError, match="at least one"):
+    with pytest.raises(hb.ModelError, match="1 or more"):
         hb.chart(bogie, "V", "lam", harmonics=0)
     with pytest.raises(hb.ModelError, match="positive step"):
         hb.chart(bogie, "V", "lam", longest=0.0)

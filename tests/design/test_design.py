@@ -430,6 +430,6 @@ def test_command(tmp_path):
     with pytest.raises(hb.ModelError, match="one value for each name"):
         plot.gains(["a"], [1.0, 2.0])
     with pytest.raises(hb.ModelError, match="nothing to draw"):
-        plot.scatter({"after": [np.nan]})
+        plot.shares({"after": [np.nan]})
     result = CliRunner().invoke(app, ["design", "bautin", "--output", str(files)])
     assert result.exit_code == 2 and "has no design" in result.stderr

@@ -9,7 +9,7 @@ import pytest
 from hbbogie import Branch, ModelError, Orbit, load_problem
 from hbbogie.branches import bifurcation_diagram, stability_of
 from hbbogie.model import default_interval, system_of
-from hbbogie.reports import Report, Table, check_directory, cycles_table, largest_multiplier, plain, run_of
+from hbbogie.reports import Report, Table, check_directory, cycles_table, plain, run_of
 from hbbogie.results import Stability
 
 matplotlib.use("Agg")
@@ -65,15 +65,33 @@ def test_plain_values_for_json():
 
 
 def test_numbers_are_never_cut_in_a_narrow_terminal(capsys):
+    """A table that is too wide is printed in parts, each with the first column, in lines that fit."""
     from rich.console import Console
 
     from hbbogie.commandline import print_table
 
-    columns = tuple(f"quantity {i} [m/s]" for i in range(12))
+    columns = ("state", *(f"quantity {i} [m/s]" for i in range(12)))
     for rows in (2, 9):
-        print_table(Table("t", "T", columns, ((-1234.5678,) * 12,) * rows, (".4f",) * 12), Console(width=40))
+        table = Table("t", "T", columns, ((77777, *[-1234.5678] * 12),) * rows, ("d", *[".4f"] * 12))
+        print_table(table, Console(width=40))
         text = capsys.readouterr().out
         assert text.count("-1234.5678") == 12 * rows and "…" not in text and "[m/s]" in text
+        assert max(map(len, text.splitlines())) <= 40
+        if rows == 9:
+            parts = text.count("state")
+            assert parts > 1 and text.count("77777") == parts * rows
+
+
+def test_a_table_in_parts_keeps_subjects_together(capsys):
+    from rich.console import Console
+
+    from hbbogie.commandline import print_table
+
+    columns = ("state", *(f"{subject} {kind}" for subject in ("omega", "a1", "a2") for kind in ("printed", "computed")))
+    print_table(Table("t", "T", columns, ((1, *[123456.789] * 6),) * 9, ("d", *[".3f"] * 6)), Console(width=45))
+    heads = [line.split() for line in capsys.readouterr().out.splitlines() if "." not in line]
+    assert sum("state" in head for head in heads) == 3
+    assert not any(head.count("omega") == 1 or head.count("a1") == 1 or head.count("a2") == 1 for head in heads)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +100,7 @@ def test_numbers_are_never_cut_in_a_narrow_terminal(capsys):
 )
 def test_largest_multiplier_leaves_the_trivial_one_out(multipliers, largest):
     s = Stability("stable", np.array(multipliers, complex), 0.0, 0, "")
-    assert largest_multiplier(orbit(stability=s)) == largest
+    assert orbit(stability=s).largest_multiplier == largest
 
 
 def test_cycles_table():
@@ -193,3 +211,15 @@ def test_of_mirror_images_one_is_shown():
     assert (np.diff(half.values) < 0).all()
     assert abs(half.orbits[0].coefficients[0]).max() < 1e-8 < abs(half.orbits[-1].coefficients[0]).max()
     assert any("mirror image" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("form", "begins"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_figures_have_the_form_asked_for(tmp_path, form, begins):
+    from hbbogie.reports import draw
+
+    report = Report("r", figures={"orbit": lambda: draw("orbit", orbit())})
+    (file,) = report.write(tmp_path, form=form)
+    assert file.name == f"orbit.{form}" and file.read_bytes().startswith(begins)
+    assert report.write(tmp_path, figures=False) == []
+    with pytest.raises(ModelError, match="unknown form of figures 'gif'"):
+        report.write(tmp_path, form="gif")

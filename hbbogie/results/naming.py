@@ -1,0 +1,45 @@
+"""What the names of coordinates and parameters stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from hbbogie.units import label
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Units and descriptions of coordinates and parameters, by their names; what is not known is left out.
+
+    Attributes
+    ----------
+    units : dict of str
+    descriptions : dict of str
+        What each is, such as "front wheelset, lateral".
+    """
+
+    units: Mapping[str, str] = field(default_factory=dict)
+    descriptions: Mapping[str, str] = field(default_factory=dict)
+
+    def plain(self, name: str) -> str:
+        """Return a name behind its description, such as "speed V"."""
+        return f"{self.descriptions.get(name, '')} {name}".strip()
+
+    def label(self, name: str) -> str:
+        """Return the label of an axis, such as "speed V [m/s]"; no unit where it is not known."""
+        return label(self.plain(name), self.units[name]) if name in self.units else self.plain(name)
+
+    def value(self, name: str, number: float, digits: int = 6) -> str:
+        """Return a value in words, such as "V = 90 m/s"."""
+        unit = self.units.get(name, "")
+        return f"{name} = {number:.{digits}g}{'' if unit in ('', '1') else ' ' + unit}"
+
+    def values(self, numbers: Mapping[str, float], first: int = 3) -> str:
+        """Return values in words, those beyond the first counted only."""
+        shown = [self.value(n, v) for n, v in list(numbers.items())[:first]]
+        more = len(numbers) - len(shown)
+        return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
+NAMELESS = Naming()
