@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,7 @@ RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
 TURN = 2 * np.pi
-STATES = (Trajectory, dict, list, tuple, np.ndarray)  # types of what gives a state
+STATES = (Trajectory, Mapping, list, tuple, np.ndarray)  # types of what gives a state
 HARMONICS = 255  # of the recurrence, at most
 AROUND, FINE = 4, 200  # samples on each side of a recurrence, and places looked at between two of them
 CANDIDATES = 6  # samples near which the end of a motion may be met before
@@ -69,7 +69,7 @@ def sample_distance(eigenvalues: NDArray[np.complex128]) -> float:
 
 def state_of(system: System, start: Start) -> Array:
     """Return the state of a start, shape (n_states,)."""
-    if isinstance(start, Orbit | Trajectory | dict):
+    if isinstance(start, Orbit | Trajectory | Mapping):
         return initial_state(system, start)[1]
     x = np.zeros(system.n_states)
     try:
