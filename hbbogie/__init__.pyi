@@ -1,5 +1,6 @@
 from . import attraction as attraction
 from . import branches as branches
+from . import collocation as collocation
 from . import critical as critical
 from . import design as design
 from . import equilibria as equilibria
@@ -17,6 +18,7 @@ from . import studies as studies
 from .branches.comparison import compare as compare
 from .branches.continuation import trace as trace
 from .branches.cycles import find_cycles as find_cycles
+from .collocation.method import Collocation as Collocation
 from .critical.charts import chart as chart
 from .critical.folds import fold as fold
 from .critical.speeds import critical_speeds as critical_speeds

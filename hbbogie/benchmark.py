@@ -30,6 +30,12 @@ from hbbogie import (
     trace,
     verify,
 )
+from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.rates import Rates
+from hbbogie.collocation.solving import collocated
+from hbbogie.collocation.special import judged
+from hbbogie.collocation.starting import from_motion, from_orbit
+from hbbogie.collocation.walk import follow as follow_on_mesh
 from hbbogie.critical.designs import critical_speeds_of
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.starting import at_grazing
@@ -156,6 +162,38 @@ def measure_exact(table: Table, designs: int = 1000) -> None:
     )
 
 
+def measure_collocation(table: Table) -> None:
+    """Measure collocation, and harmonic balance beside it, on van der Pol's oscillator."""
+    builder = load_problem("van_der_pol").van_der_pol
+    steep = builder(mu=1000.0)
+    table.add(
+        "van der Pol, mu = 1000, from a motion, by collocation",
+        lambda: collocated(steep, from_motion(steep, [2.0, 0.0])),
+        3,
+        lambda cycle: f"T = {cycle.period:.6f}, {len(cycle.values)} intervals",
+    )
+    system = builder(mu=1.0)
+    orbit, span = collocated(system, from_motion(system, [2.0, 0.0])).orbit(), (0.5, 5.0)
+
+    def branch() -> list[CollocatedCycle]:
+        followed = follow_on_mesh(from_orbit(system, orbit), Rates(system, "mu"), span)
+        return [judged(curve, point) for curve, point in followed.points()]
+
+    table.add(
+        "branch from mu = 0.5 to 5 with multipliers, by collocation",
+        branch,
+        3,
+        lambda cycles: f"{len(cycles)} points, error of T {max(c.period_error for c in cycles):.0e}",
+    )
+    balance = HarmonicBalance(63).equations(system)
+    table.add(
+        "the same by harmonic balance, H = 63",
+        lambda: trace(balance, orbit, "mu", span),
+        3,
+        lambda b: f"{len(b)} points, tail {max(o.tail for o in b.orbits):.0e}",
+    )
+
+
 def _peak_memory() -> float:
     """Return the largest resident memory of the processes started so far [MB]."""
     import resource  # not on Windows
@@ -168,6 +206,7 @@ def main() -> None:
     """Measure and print."""
     table = Table()
     measure_exact(table)
+    measure_collocation(table)
     measure(table)
     width = max(len(what) for what, *_ in table.rows)
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""

@@ -1,4 +1,4 @@
-"""Values put in few words, so that what a prompt shows fits on a screen."""
+"""Short descriptions of values that fit on a screen."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import fields
 from textwrap import shorten, wrap
 from typing import Any
 
-LINES, WIDTH, MOST = 8, 100, 1150  # lines and their width, and letters in all
+LINES, WIDTH, MOST = 8, 100, 1150  # largest number of lines, their width, and the total number of characters
 
 
 def lines(head: str, *rest: str) -> str:
-    """Return a headline and the lines below it, indented and cut to what a screen takes in; empty ones are left out."""
+    """Return a headline and indented lines below it, shortened to fit on a screen; empty lines are left out."""
     kept = [line for line in rest if line]
     if len(kept) >= LINES:
         kept = [*kept[: LINES - 2], f"... {len(kept) - LINES + 2} more"]
@@ -20,13 +20,13 @@ def lines(head: str, *rest: str) -> str:
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of text as lines whose columns stand below each other, numbers to the right."""
+    """Return rows of text as lines with columns aligned to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(t.rjust(w) for t, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def brief(value: Any) -> str:
-    """Return the representation of a dataclass: its fields in a few words each, those of arrays and lists as counts."""
+    """Return the representation of a dataclass: a few words for each field, sizes for arrays and lists."""
     parts = [f"{f.name}: {_short(getattr(value, f.name))}" for f in fields(value) if f.repr]
     return lines(type(value).__name__, *wrap("; ".join(parts), WIDTH, break_on_hyphens=False))
 

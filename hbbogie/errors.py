@@ -11,9 +11,11 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from hbbogie.threads import one_blas_thread
+
 P = ParamSpec("P")
 T = TypeVar("T")
-BELONGS = {  # what to give, by the name of the type
+BELONGS = {  # descriptions of expected arguments, by the name of the type
     "System": "a System, such as load_problem('yang1995').bogie()",
     "Equations": "equations, such as HarmonicBalance(15).equations(system)",
     "ExactEquations": "Exact().equations(system)",
@@ -37,16 +39,18 @@ class ModelError(ValueError):
     """The model, a parameter or an argument is not acceptable."""
 
 
-# --- what an argument is ----------------------------------------------------------------------
+# --- kinds of arguments -----------------------------------------------------------------------
 
 
 def door(**kinds: type | tuple[type, ...]) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Let a public function refuse arguments of another kind before it begins; its defaults are always accepted.
+    """Make a public function refuse arguments of the wrong kind before it begins; its defaults are always accepted.
+
+    Inside, linear algebra uses one thread.
 
     Parameters
     ----------
     **kinds
-        Type, or types, of what belongs in each argument.
+        Type, or types, of each argument.
     """
 
     def dress(function: Callable[P, T]) -> Callable[P, T]:
@@ -60,7 +64,8 @@ def door(**kinds: type | tuple[type, ...]) -> Callable[[Callable[P, T]], Callabl
             for name, kind in kinds.items():
                 if name in given and given[name] is not parameters[name].default:
                     of_kind(f"{function.__name__}({order}): argument {name!r}", given[name], kind)
-            return function(*args, **kwargs)
+            with one_blas_thread():
+                return function(*args, **kwargs)
 
         return checked
 
@@ -68,7 +73,7 @@ def door(**kinds: type | tuple[type, ...]) -> Callable[[Callable[P, T]], Callabl
 
 
 def of_kind(what: str, given: Any, kind: type | tuple[type, ...]) -> None:
-    """Raise `ModelError` unless a value is of a type, or of one of some; the sentence says what belongs there."""
+    """Raise `ModelError`, which says what is expected, unless a value has the type or one of the types."""
     if isinstance(given, kind):
         return
     names = [k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,))]
@@ -77,7 +82,7 @@ def of_kind(what: str, given: Any, kind: type | tuple[type, ...]) -> None:
 
 
 def several(what: str, given: Any, kind: type[T]) -> list[T]:
-    """Return one thing, or a list of them, as a list; raise `ModelError` for an empty one and for other things."""
+    """Return one value, or a list of them, as a list; raise `ModelError` for an empty list and for other kinds."""
     many = [given] if isinstance(given, kind) else given
     if not isinstance(many, list | tuple):
         of_kind(what, given, kind)
@@ -89,7 +94,7 @@ def several(what: str, given: Any, kind: type[T]) -> list[T]:
 
 
 def _hint(given: Any, wanted: list[str]) -> str:
-    """Return what to do with something that is nearly right."""
+    """Return advice about a value that is nearly right."""
     name = getattr(given, "name", None)
     if "str" in wanted and isinstance(name, str):
         return f" Give its name, {name!r}."
@@ -101,7 +106,7 @@ def _hint(given: Any, wanted: list[str]) -> str:
 
 
 def told(thing: Any) -> str:
-    """Return what was given, short: plain things as they are written, of others the type."""
+    """Return a short description of a given value: plain values as they are written, and the type of others."""
     plain = isinstance(thing, str | int | float | bool | None) or getattr(thing, "shape", None) == ()
     text = repr(thing)[:80] if plain else ""
     return text or f"an object of type {type(thing).__name__}"
@@ -130,7 +135,7 @@ def unknown_name(kind: str, got: Any, allowed: Iterable[str]) -> str:
 
 
 def as_path(what: str, given: Any) -> Path:
-    """Return a path with the home folder put in; raise `ModelError` unless it is a text or a path."""
+    """Return a path with the home folder expanded; raise `ModelError` unless it is a text or a path."""
     if not isinstance(given, str | os.PathLike) or not os.fspath(given):
         raise ModelError(f"{what}: got {told(given)}; give a path as text, such as 'out/branch.nc'.")
     return Path(given).expanduser()
@@ -172,7 +177,7 @@ def pair(name: str, value: Any) -> tuple[float, float]:
     """Return two finite numbers (low, high) with low < high; raise `ModelError` for anything else."""
     try:
         low, high = map(as_number, value)
-    except (TypeError, ValueError, RuntimeError):  # CasADi's expressions are not iterable
+    except (TypeError, ValueError, RuntimeError):  # CasADi expressions are not iterable
         low = high = float("nan")
     if isinstance(value, str | dict) or not (math.isfinite(low) and math.isfinite(high) and low < high):
         got = f"({low:g}, {high:g})" if low == low and high == high else told(value)

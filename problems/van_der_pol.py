@@ -53,7 +53,7 @@ def van_der_pol_first_order(**parameters: float) -> System:
 
 
 def _mu() -> Parameter:
-    return Parameter("mu", 1.0, "1", "negative damping at rest", (-100.0, 100.0))
+    return Parameter("mu", 1.0, "1", "negative damping at rest", (-1e4, 1e4))
 
 
 SYSTEM = van_der_pol

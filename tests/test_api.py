@@ -33,7 +33,7 @@ def test_every_public_method_is_documented(cls):
 
 
 @pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.__name__)
-def test_classes_say_what_they_hold(cls):
+def test_fields_of_public_classes_are_documented(cls):
     documentation = inspect.getdoc(cls)
     fields = [f for f in getattr(cls, "__dataclass_fields__", {}) if not f.startswith("_")]
     for name in fields:

@@ -45,7 +45,7 @@ def test_rest_is_an_equilibrium_and_motions_are_odd(name):
     assert system.inactive_parameters == (("W",) if name.startswith("yang1995") else ())
 
 
-def test_circuit_is_odd_without_its_bias_only():
+def test_circuit_is_odd_only_without_its_bias():
     module = load_problem("circuit")
     assert not module.circuit().odd
     for values, odd in ((module.BIASED, False), (module.SYMMETRIC, True)):

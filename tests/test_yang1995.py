@@ -55,7 +55,7 @@ def test_harmonic_balance_agrees_with_the_closed_form(rows, state):
     np.testing.assert_allclose(ours, exact, rtol=3e-4)
 
 
-def test_the_exact_fold_is_told(report):
+def test_the_exact_fold_is_in_the_report(report):
     assert sum("88.76411319 m/s" in note for note in report.notes) == 1
 
 
@@ -113,7 +113,7 @@ def test_the_fold_speed_does_not_depend_on_the_clearance(branch):
     assert wide.folds()[0].orbit.amplitude("q1") == pytest.approx(2 * branch.folds()[0].orbit.amplitude("q1"), rel=1e-6)
 
 
-def test_a_bogie_that_never_hunts_is_told_so():
+def test_a_bogie_that_never_hunts_gets_a_note():
     """Without conicity there is nothing that drives the motion."""
     report = problem.study(problem.bogie(lam=0.0), lambda message, fraction: None)
     assert "No Hopf point" in report.notes[0]

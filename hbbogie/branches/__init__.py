@@ -1,6 +1,6 @@
 """Branches of cycles: continuation, special points, branch switching, and all cycles at a parameter value.
 
-`Equations` and a start, an `Orbit` or a `SpecialPoint`, go in; a `Branch` of judged orbits comes out.
+`Equations` and a start, an `Orbit` or a `SpecialPoint`, go in. A `Branch` of orbits with stability comes out.
 """
 
 import lazy_loader

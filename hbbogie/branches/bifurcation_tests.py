@@ -1,4 +1,4 @@
-"""Test functions at the points of a curve of cycles: what changes its sign where something happens."""
+"""Test functions at the points of a curve of cycles, whose changes of sign mark special points."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.branches.judging import stability_of
+from hbbogie.deadline import time_is_over
 from hbbogie.results import Orbit
 from hbbogie.solving.curve import Point
 from hbbogie.stability.variation import Waveform
@@ -46,8 +47,8 @@ class Probe:
 
     @cached_property
     def orbit(self) -> Orbit:
-        """The cycle, with its stability where it is to be judged and can be."""
-        if not self.judge:
+        """The cycle, with its stability where it is to be judged and can be, as long as there is time."""
+        if not self.judge or time_is_over():
             return self.cycle
         return self.cycle.replace(stability=stability_of(self.curve.equations.system, self.cycle))
 

@@ -1,4 +1,4 @@
-"""Special points along a branch of cycles: test functions, location, and what begins at each of them."""
+"""Special points along a branch of cycles: test functions, location, and the branches that begin there."""
 
 from __future__ import annotations
 

@@ -16,8 +16,11 @@ from hbbogie.branches.crossing import crossings, extent, family_message
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings
 from hbbogie.branches.relatives import relatives
+from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, of_prime_period, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
+from hbbogie.collocation.starting import from_orbit
+from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
 from hbbogie.methods.condensation import frequency_scale
@@ -36,6 +39,7 @@ from hbbogie.stability.verification import verify
 Array = NDArray[np.float64]
 COARSE = 15  # highest harmonic with which branches are followed
 FINER = (31, 63)  # with which a candidate is tried again where shooting does not close it
+UNRESOLVED = 1e-2  # tail of an orbit beyond which collocation is tried before shooting
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
@@ -66,10 +70,11 @@ class Census:
         width = BEYOND * (interval[1] - interval[0])
         self.span = check_interval(system, parameter, (interval[0] - width, interval[1] + width))
         self.branches = find_equilibria(system, parameter, self.span, start=start)
-        self.hopf = self.branches.special("hopf")
+        self.hopf = _distinct(self.branches.special("hopf"))
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
-        self.failures, self.undecided, self.family, self.running = 0, 0, "", ""
+        self.failures, self.unsettled, self.undecided, self.family, self.running = 0, 0, 0, "", ""
+        self.marks: list[Array] = []
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
         self.evidence += [f"{at}: {e.text(system.coordinate_names)}" for e in self.equilibria]
@@ -85,7 +90,9 @@ class Census:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
         for hopf, which in (start for point in self.hopf for start in beginnings(self.system, point)):
             name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}{which}"
-            if not self._in_closed_form(hopf, name):
+            if time_is_over():
+                self.evidence.append(f"{name} was not followed: the time limit was reached")
+            elif not self._in_closed_form(hopf, name):
                 self._by_harmonic_balance(hopf, name)
 
     def _in_closed_form(self, hopf: SpecialPoint, name: str) -> bool:
@@ -98,7 +105,7 @@ class Census:
         values = [point.value for point in walk.points]
         low, high = min(values), max(values)
         lost = walk.marked("not located") + walk.marked("fold not located")
-        if lost or walk.end.kind not in ("interval", "contact") or high - low <= SAME * (self.span[1] - self.span[0]):
+        if lost or not walk.end.complete or high - low <= SAME * (self.span[1] - self.span[0]):
             return False
         self.evidence.append(f"{name} was followed in closed form from {low:.6g} to {high:.6g}: {walk.end}")
         for orbit in cycles:
@@ -139,6 +146,9 @@ class Census:
                 continue
             counted: Counter[str] = Counter()
             for where, x in starts:
+                if time_is_over():
+                    counted["not begun before the time limit"] += 1
+                    continue
                 x = np.where(np.arange(len(x)) < system.n, x, -x) if sense else x
                 counted[self._motion(there, bool(sense), where, x, h, size)] += 1
             told = ", ".join(f"{count} {what}" for what, count in counted.items())
@@ -173,6 +183,14 @@ class Census:
                 return "run on"
             elif met.kind == "unbounded":
                 return "left every bound"
+        if self.unsettled < MOST_FAILURES:
+            if (motion := settled(self.system, x, backwards=sense)) is not None:
+                if on_one_of(motion, self.marks):
+                    return "came to a cycle found already"
+                if (cycle := solved(self.system, motion)) is not None:
+                    self._keep(cycle.orbit(), f"a motion from {where}", cycle.mark())
+                    return "came to a cycle"
+            self.unsettled += 1
         self.undecided += 1
         said = f"a motion from {where} has neither settled nor come back to itself"
         self.evidence += [said] if said not in self.evidence else []
@@ -181,7 +199,7 @@ class Census:
     def look_beside(self) -> None:
         """Consider what each cycle found lets expect beside it."""
         for orbit in self.found:  # which may grow meanwhile
-            for what, guess in relatives(self.system, orbit):
+            for what, guess in () if time_is_over() else relatives(self.system, orbit):
                 self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
 
     def consider(self, orbit: Orbit, origin: str, *, near: bool = False, finer: tuple[int, ...] = FINER) -> bool:
@@ -199,17 +217,20 @@ class Census:
         self._keep(polished, origin)
         return True
 
-    def _keep(self, polished: Orbit, origin: str) -> None:
-        """Add a cycle to those found, if it is new."""
+    def _keep(self, polished: Orbit, origin: str, mark: Array | None = None) -> None:
+        """Add a cycle to those found, if it is new; its mark tells it from others better than that of its harmonics."""
         same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
         if same is None:
             self.found.append(polished)
+            self.marks.append(signature(polished)[: 1 + 3 * self.system.n] if mark is None else mark)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
         elif _unknown(self.found[same]) and not _unknown(polished):
             self.found[same] = polished
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
-        """Return the cycle that shooting leads to, or, where it cannot, the one that more harmonics confirm."""
+        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm."""
+        if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
+            return cycle.orbit()
         finer, resolved = orbit, False
         for H in (0, *finer_harmonics):
             try:
@@ -223,6 +244,8 @@ class Census:
                 continue
             except FAILURES:
                 break
+        if orbit.tail <= UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
+            return cycle.orbit()
         if not resolved or finer.tail > CONVERGED**0.5:
             return None
         stability = floquet(self.system, finer)
@@ -260,6 +283,17 @@ class Census:
         still = f"; {self.running}" if self.running else ""
         still += f"; {self.undecided} motion(s) stay undecided" if self.undecided else ""
         self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
+
+
+def _distinct(points: list[SpecialPoint]) -> list[SpecialPoint]:
+    """Return the Hopf points that differ in value, frequency or equilibrium."""
+    kept: list[SpecialPoint] = []
+    for point in points:
+        mark = np.append([point.value, point.omega], point.orbit.coefficients[0])
+        marks = (np.append([other.value, other.omega], other.orbit.coefficients[0]) for other in kept)
+        if not any(np.allclose(mark, other, rtol=1e-6, atol=1e-9) for other in marks):
+            kept.append(point)
+    return kept
 
 
 def _unknown(orbit: Orbit) -> bool:

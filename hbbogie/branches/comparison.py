@@ -1,4 +1,4 @@
-"""Describing function or multi-harmonic balance? The same cycles by several methods, beside a converged one."""
+"""Comparison of methods: the same cycles by describing functions, harmonic balance and a converged method."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from itertools import pairwise
 import numpy as np
 
 from hbbogie.branches.closed_form import exact_branch, exact_crossings, exact_walk
+from hbbogie.branches.collocated import branch_of, followed_from
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.brief import brief
+from hbbogie.collocation.method import Collocation
+from hbbogie.collocation.walk import Followed
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door, several
 from hbbogie.exact.model import switched_linear
@@ -28,7 +31,7 @@ from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
 
 TRUTH = "mhb61"
-EXACT = "exact"
+EXACT, COLLOCATION = "exact", "collocation"
 DEFAULT_METHODS = ("df1", "df2", "mhb3", "mhb15")
 
 
@@ -78,6 +81,10 @@ def _cycles(equations: Equations, branch: Branch, value: float) -> Iterator[tupl
     for part, piece in enumerate(_parts(branch)):
         if len(piece) > 1:
             yield from ((part, orbit) for orbit in crossings(equations, piece, value))
+
+
+def _collocated(followed: Followed, value: float) -> Iterator[tuple[int, Orbit]]:
+    yield from ((part, cycle.orbit()) for part, cycle in followed.crossings(value))
 
 
 def _parts(branch: Branch) -> list[Branch]:
@@ -159,13 +166,14 @@ class Comparison:
 def method_named(name: str) -> HarmonicBalance | DescribingFunction:
     """Return the method of a name such as "df1", "df2" or "mhb15"; raise `ModelError` for any other name.
 
-    "exact", cycles in closed form, is none of these methods: it has no unknown harmonics; see `check_methods`.
+    "exact", cycles in closed form, and "collocation" are none of these methods: they have no unknown harmonics; see
+    `check_methods`.
     """
     found = re.fullmatch(r"(df)([12])|(mhb)([0-9]+)", name.strip().casefold())
     if found is None or name.strip().casefold() == "mhb0":
         raise ModelError(
             f"unknown method {name!r}; write df1 or df2 (describing function of first or second order), mhb and the "
-            "highest harmonic, such as mhb15, or exact."
+            "highest harmonic, such as mhb15, exact, or collocation."
         )
     return DescribingFunction(order=int(found[2])) if found[1] else HarmonicBalance(int(found[4]))
 
@@ -175,7 +183,7 @@ def check_methods(names: Iterable[str]) -> list[str]:
     given = several("methods, such as ['df1', 'mhb15']", names, str)
     chosen = list(dict.fromkeys(name.strip().casefold() for name in given))
     for name in chosen:
-        if name != EXACT:
+        if name not in (EXACT, COLLOCATION):
             method_named(name)
     return chosen
 
@@ -191,6 +199,13 @@ def trace_by_method(system: System, name: str, hopf: SpecialPoint, interval: tup
         return TracedBranch(
             name, exact_branch(walk, hopf), built - start, followed - built, partial(exact_crossings, walk)
         )
+    if name == COLLOCATION:
+        on_mesh = Collocation().equations(system)
+        built = time.perf_counter()
+        followed_branch = followed_from(on_mesh, hopf, hopf.parameter, interval)
+        followed = time.perf_counter()
+        branch = branch_of(followed_branch, system, hopf, stability=False)
+        return TracedBranch(name, branch, built - start, followed - built, partial(_collocated, followed_branch))
     equations = method_named(name).equations(system)
     equations.derivatives((system.parameter_names.index(hopf.parameter),))
     equations.derivatives(())
@@ -219,7 +234,8 @@ def compare(
     methods : sequence of str
         Names such as "df1" and "df2" (describing function of first, second order), "mhb15" (multi-harmonic balance with
         its highest harmonic) and, for systems that are linear between switchings, "exact" (cycles in closed form; of
-        their motion the harmonics up to 61 are given).
+        their motion the harmonics up to 61 are given), for smooth ones "collocation" (piecewise polynomials on a mesh
+        that adapts).
     values : sequence of float, optional, unit of the parameter
         Where to compare; twelve values over the interval where left out.
     parameter : str, optional

@@ -1,8 +1,8 @@
-"""Branches of cycles: pseudo-arclength continuation in one parameter, and all cycles at a value of it."""
+"""Branches of cycles: pseudo-arclength continuation in one parameter, and all cycles at one of its values."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,34 +11,36 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.bifurcations import special_points
 from hbbogie.branches.closed_form import exact_trace
+from hbbogie.branches.collocated import collocated_trace
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.motions import STATES, cycle_after
 from hbbogie.branches.switching import first_beyond
-from hbbogie.equilibria.census import Start
+from hbbogie.collocation.method import CollocationEquations
+from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
 from hbbogie.model.ranges import check_interval
-from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results import Branch, Orbit, SpecialPoint, Trajectory
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.arclength import point_at, walk
+from hbbogie.solving.arclength import advance, point_at, walk
 from hbbogie.solving.curve import Point
 from hbbogie.solving.solvers import solve
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 SHORTEST = 1e-7  # step at which the continuation gives up
-CAREFUL = 0.05  # first step from a Hopf point, in units of the usual one
+CAREFUL = 0.05  # longest first step from a Hopf point, in units of the usual one
 
 
-@door(equations=(Equations, ExactEquations), start=(Orbit, SpecialPoint, *STATES), parameter=str)
+@door(equations=(Equations, ExactEquations, CollocationEquations), start=(Orbit, SpecialPoint, *STATES), parameter=str)
 def trace(
-    equations: Equations | ExactEquations,
-    start: Orbit | SpecialPoint | Start,
+    equations: Equations | ExactEquations | CollocationEquations,
+    start: Orbit | SpecialPoint | Trajectory | Mapping[str, float] | Array,
     parameter: str,
     interval: tuple[float, float],
     *,
@@ -48,16 +50,18 @@ def trace(
     families: bool = True,
     stability: bool = True,
     tolerance: float = 1e-10,
+    limit: float | None = None,
     progress: Progress | None = None,
 ) -> Branch:
     """Follow a branch of cycles over a parameter, around folds, in both directions from the start.
 
     Parameters
     ----------
-    equations : Equations or ExactEquations
+    equations : Equations, ExactEquations or CollocationEquations
         In closed form step lengths are chosen from the curvature, every cycle is judged, and branches that begin at
-        special points other than Hopf points are not followed.
-    start : Orbit, SpecialPoint, Trajectory, mapping from name to value or sequence of float
+        special points other than Hopf points are not followed. By collocation the tolerance is that given there, and
+        families do not occur.
+    start : Orbit, SpecialPoint, Trajectory, mapping from name to value or ndarray
         A cycle on or near the branch, or a state: the motion from it leads to the cycle. From a Hopf point the branch
         is followed towards growing amplitude, beginning where a gap first closes if the system is linear until then;
         from a branch point the branch that crosses; from a pitchfork both asymmetric branches, through the symmetric
@@ -70,7 +74,8 @@ def trace(
         Where to stop.
     step, longest : float
         First and longest step in scaled arclength: one unit is the amplitude scale of the equations, or a
-        quarter of the interval.
+        quarter of the interval. At amplitudes above ten times their scale the
+        longest is longer.
     max_points : int
         Largest number of points.
     families : bool
@@ -81,6 +86,8 @@ def trace(
         and in a family along which the parameter does not vary, only folds are located.
     tolerance : float
         Largest scaled residual of a point.
+    limit : float, optional, s
+        Time after which the branch ends with what was found, and says so in ``ends``.
     progress : callable, optional
         Called with the parameter's value after each point.
 
@@ -103,8 +110,9 @@ def trace(
     """
     lo, hi = check_interval(equations.system, parameter, interval)
     start = start if isinstance(start, Orbit | SpecialPoint) else cycle_after(equations.system, start)
-    if isinstance(equations, ExactEquations):
-        return exact_trace(equations, start, parameter, (lo, hi), max_points)
+    if not isinstance(equations, Equations):
+        steps = step, longest, max_points
+        return _beside_the_waist(equations, start, parameter, (lo, hi), steps, stability, progress)
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(f"trace: {step=}, {longest=}, {max_points=}; need 0 < step <= longest, 2 points.")
     if equations.phase is None:
@@ -122,19 +130,35 @@ def trace(
             f"trace: the start has {parameter} = {p[place]:g}, outside the interval ({lo:g}, {hi:g}); widen it."
         )
     curve = CycleCurve(equations, parameter, (lo, hi), p, tolerance, families)
+    options: dict[str, Any] = {"step": step, "longest": longest, "shortest": SHORTEST, "most": max_points}
+    with time_limit(limit):
+        return _traced(curve, start, begins, stability, options, progress)
+
+
+def _traced(
+    curve: CycleCurve,
+    start: Orbit | SpecialPoint,
+    begins: bool,
+    stability: bool,
+    options: dict[str, Any],
+    progress: Progress | None,
+) -> Branch:
+    """Follow the curve from its start, and locate the special points; ``begins`` where nothing lies before."""
+    equations, parameter = curve.equations, curve.parameter
+    special = start if isinstance(start, SpecialPoint) else None
+    from_hopf = special is not None and special.kind == "hopf"
     first, both = _begin(curve, start)
-    # a fold may follow closely where a gap first closes
-    begin = step * CAREFUL if from_hopf else step
+    if from_hopf:
+        options["step"] = _careful(curve, first, CAREFUL * options["step"])
 
     def say(point: Point) -> None:
         if progress:
             progress(float(point.u[-1]))
 
-    options: dict[str, Any] = {"step": begin, "longest": longest, "shortest": SHORTEST, "most": max_points}
-    forward, end = walk(curve, first, progress=say, **options)
+    forward, end = walk(curve, first, stretch=curve.stretch, progress=say, **options)
     backward, beginning = [first], end
     if both and end.kind != "closed":
-        backward, beginning = walk(curve, first.turned(), progress=say, **options)
+        backward, beginning = walk(curve, first.turned(), stretch=curve.stretch, progress=say, **options)
     elif not both:
         beginning = Ending("began", f"began here, at the {_name(start)}")
     points, place = [b.turned() for b in backward[:0:-1]] + forward, len(backward) - 1
@@ -148,7 +172,24 @@ def trace(
         special = onset(special, equations.system.with_parameters(**{parameter: special.value}), values)
     known = {place: special} if special is not None and begins and judge else {}
     orbits, met = special_points(curve, points, judge=judge, known=known)
+    if judge and time_is_over() and end.kind != "limit":
+        end = Ending("limit", f"{end.what}, and not all cycles were judged before the time limit", "raise limit")
     return Branch(tuple(orbits), parameter, met, (_said(beginning), _said(end)))
+
+
+def _beside_the_waist(
+    equations: ExactEquations | CollocationEquations,
+    start: Orbit | SpecialPoint,
+    parameter: str,
+    interval: tuple[float, float],
+    steps: tuple[float, float, int],
+    stability: bool,
+    progress: Progress | None,
+) -> Branch:
+    """Follow a branch of equations that have a walk of their own."""
+    if isinstance(equations, ExactEquations):
+        return exact_trace(equations, start, parameter, interval, steps[-1])
+    return collocated_trace(equations, start, parameter, interval, steps, stability, progress)
 
 
 def _begin(curve: CycleCurve, start: Orbit | SpecialPoint) -> tuple[Point, bool]:
@@ -160,6 +201,20 @@ def _begin(curve: CycleCurve, start: Orbit | SpecialPoint) -> tuple[Point, bool]
     if start.kind == "hopf":
         return _first_point(curve, first_cycle(curve.equations, start), curve.equations, growing=True), False
     return _first_point(curve, start.orbit, curve.equations, growing=False), True
+
+
+def _careful(curve: CycleCurve, first: Point, step: float) -> float:
+    """Return a first step from a Hopf point over which the parameter does not turn.
+
+    Where a gap first closes, a fold may follow as closely as the next gap.
+    """
+    onset, _ = advance(curve, first, SHORTEST)
+    while onset is not None and step > 4 * SHORTEST:
+        there, _ = advance(curve, first, step)
+        if there is not None and onset.tangent[-1] * there.tangent[-1] > 0:
+            break
+        step /= 4
+    return step
 
 
 def _said(end: Ending) -> Ending:

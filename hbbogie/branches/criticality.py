@@ -1,4 +1,4 @@
-"""How cycles begin at a Hopf point: sub- or supercritically."""
+"""The onset of cycles at a Hopf point: sub- or supercritical."""
 
 from __future__ import annotations
 

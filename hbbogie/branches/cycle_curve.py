@@ -15,6 +15,7 @@ from hbbogie.solving.newton import Conditions, Problem
 
 Array = NDArray[np.float64]
 VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
+FAR = 10.0  # amplitude, in units of its scale, above which steps grow with its square
 PATIENCE = 20  # points at one parameter value after which a branch counts as a family
 
 
@@ -74,6 +75,11 @@ class CycleCurve:
                 "vanishes", f"the first harmonic vanishes at {place}: an equilibrium, or a cycle of half the period"
             )
         return Ending("bound", f"a bound was reached at {place}: {', '.join(map(str, met))}") if met else None
+
+    def stretch(self, u: Array) -> float:
+        """Return how many times longer than usual a step may be: at amplitudes far above their scale little happens."""
+        first = list(self.equations.cosines.values())
+        return max(1.0, float(np.abs(u[first] / self.scale[first]).max() / FAR) ** 2)
 
     def at(self, index: int, value: float) -> Ending:
         """Return the ending at a limit of the parameter."""

@@ -11,6 +11,7 @@ from hbbogie.branches.crossing import family_message
 from hbbogie.branches.judging import verified
 from hbbogie.branches.same import once_each, samples
 from hbbogie.branches.simulated import NEAR, settled_cycles
+from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
 from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.methods.equations import Equations
@@ -23,7 +24,9 @@ from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
+LATE = "the time limit was reached"
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
+POLISHED = ("multiple shooting", "exact", "collocation")  # methods whose frequency needs no harmonics
 
 
 @door(system=System, parameter=str)
@@ -37,6 +40,7 @@ def find_cycles(
     stability: bool = True,
     start: Start | None = None,
     backwards: bool | None = None,
+    limit: float | None = None,
     **values: float,
 ) -> Cycles:
     """Find the cycles at given parameter values, by growing amplitude; no guess is needed.
@@ -69,6 +73,8 @@ def find_cycles(
     backwards : bool, optional
         Whether motions are simulated backwards in time as well, where they settle on cycles that repel from all sides;
         by default where the system has two states.
+    limit : float, optional, s
+        Time after which the search ends with the cycles found, which is not ``complete``.
     **values : float
         Parameter values, by name.
 
@@ -76,7 +82,8 @@ def find_cycles(
     -------
     Cycles : list of Orbit
         Empty where no cycle was found. The list carries ``evidence``: equilibria with their eigenvalues, Hopf points,
-        branches and why each ended, motions and what they came to, what stayed undecided.
+        branches and why each ended, motions and what they came to, what stayed undecided. ``complete`` says whether
+        no limit of time cut the search short.
 
     Raises
     ------
@@ -101,28 +108,33 @@ def find_cycles(
     if not isinstance(harmonics, str) or harmonics != "auto":
         harmonics = whole("find_cycles: harmonics (a number or 'auto')", harmonics)
     tolerance = positive("tolerance", tolerance, "1")
+    if harmonics != "auto":
+        HarmonicBalance(int(harmonics)).check(system)
     name = system.parameter(name).name
     interval = check_interval(system, name, interval)
-    census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
-    census.follow_branches()
-    census.simulate()
-    census.look_beside()
-    found, undecided = census.found, ""
-    if census.family and not found:
-        raise ModelError(census.family)
-    if census.family:
-        census.evidence.append("a candidate is not isolated: it is one of a continuous family, or a fold is near")
-    if not found and census.undecided and not census.running:
-        found, undecided = _longer(census)
-    if not found and undecided:
-        raise ConvergenceError(undecided, statistics={"evidence": tuple(census.evidence)})
-    if not found:
-        census.say_none()
-    if harmonics == "auto":
-        judged = [_enough(o, tolerance) if o.method.startswith(("multiple", "exact")) else o for o in once_each(found)]
-    else:
-        judged = _balanced(census, once_each(found), int(harmonics), stability)
-    return Cycles([o if stability else o.replace(stability=None) for o in judged], census.evidence)
+    with time_limit(limit):
+        census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
+        census.follow_branches()
+        census.simulate()
+        census.look_beside()
+        found, undecided = census.found, ""
+        if census.family and not found:
+            raise ModelError(census.family)
+        if census.family:
+            census.evidence.append("a candidate is not isolated: it is one of a continuous family, or a fold is near")
+        if not found and census.undecided and not census.running and not time_is_over():
+            found, undecided = _longer(census)
+        late = [f"the time limit of {limit:g} s was reached" if limit else LATE] if time_is_over() else []
+        if not found and undecided and not late:
+            raise ConvergenceError(undecided, statistics={"evidence": tuple(census.evidence)})
+        if not found and not late:
+            census.say_none()
+        if harmonics == "auto":
+            judged = [_enough(o, tolerance) if o.method.startswith(POLISHED) else o for o in once_each(found)]
+        else:
+            judged = _balanced(census, once_each(found), int(harmonics), stability)
+    judged = [o if stability else o.replace(stability=None) for o in judged]
+    return Cycles(judged, [*late, *census.evidence], late)
 
 
 def _longer(census: Census) -> tuple[list[Orbit], str]:

@@ -15,6 +15,7 @@ from hbbogie.branches.judging import estimate, stability_of
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import settled_cycles
 from hbbogie.brief import brief
+from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
@@ -109,7 +110,7 @@ def bifurcation_diagram(
             cycles = [] if family else _cycles(system, parameter, harmonics, stability, notes)
         traced = about.traced(H, cycles, False, notes)
         error, said = estimate(system, [b for b in traced if not is_family(b, interval)], H, tolerance)
-        if error <= tolerance:
+        if error <= tolerance or time_is_over():
             break
     notes += said if harmonics == "auto" else []
     if _holds_family(traced, interval, system.values[parameter]):

@@ -1,4 +1,4 @@
-"""Branches that no Hopf point leads to: searched for from random cycles, with what is known kept out."""
+"""Branches that no Hopf point leads to: a search from random cycles that excludes known branches."""
 
 from __future__ import annotations
 

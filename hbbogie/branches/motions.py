@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
 from hbbogie.branches.same import BLOCKS, of_prime_period, signature
+from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.rest import angles_of
 from hbbogie.errors import ModelError
@@ -25,11 +26,12 @@ CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
 PER_PERIOD = 40  # samples of a period of the linear motion
 TOLERANCE = 1e-7  # of the integration
 SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
+NEAR = 0.1  # distance from an equilibrium, likewise, beyond which a motion that hardly moves is not at rest
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
 TURN = 2 * np.pi
-STATES = (Trajectory, Mapping, list, tuple, np.ndarray)  # types of what gives a state
+STATES = (Trajectory, Mapping, np.ndarray)  # types of what gives a state
 HARMONICS = 255  # of the recurrence, at most
 AROUND, FINE = 4, 200  # samples on each side of a recurrence, and places looked at between two of them
 CANDIDATES = 6  # samples near which the end of a motion may be met before
@@ -74,6 +76,8 @@ def state_of(system: System, start: Start) -> Array:
     x = np.zeros(system.n_states)
     try:
         given = np.asarray(start, dtype=float).ravel()
+        if len(given) not in (system.n, system.n_states):
+            raise ValueError
         x[: len(given)] = given
     except (TypeError, ValueError):
         raise ModelError(
@@ -126,6 +130,8 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     orbit: Orbit | None = None
     closest = RECURS
     for _ in range(CHUNKS):
+        if time_is_over():
+            break
         try:
             states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE)])
         except ConvergenceError:
@@ -137,9 +143,9 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         x, elapsed = states[-1], elapsed + CHUNK * h
         late = states[CHUNK // 2 :]
         spread = np.ptp(late, axis=0)
-        if (spread <= SMALL * size).all() and (
-            np.ptp(states[-CHUNK // 4 :], axis=0) <= 0.9 * spread + 1e-9 * size
-        ).all():
+        calm = (spread <= SMALL * size).all()
+        calm = calm and (np.ptp(states[-CHUNK // 4 :], axis=0) <= 0.9 * spread + 1e-9 * size).all()
+        if calm and _near_equilibrium(system, x, p, size):
             yield Recurrence("rest", None, elapsed)
             return
         if (turns := _running(system, states, h)) is not None:
@@ -190,6 +196,15 @@ def _alike(mark: Array, known: Array, width: Array) -> bool:
     times = known[0] / mark[0]
     same_period = abs(times / max(1, round(times)) - 1) < LIKE
     return bool(same_period and (np.abs(mark - known)[1:] < LIKE * width).all())
+
+
+def _near_equilibrium(system: System, x: Array, p: Array, size: Array) -> bool:
+    """Tell whether a Newton step to an equilibrium is small; on the slow part of a relaxation cycle it is not."""
+    try:
+        step = np.linalg.lstsq(system.state_matrix(x, p), system.ode(x, p).full().ravel(), rcond=1e-12)[0]
+    except (ConvergenceError, np.linalg.LinAlgError):
+        return True
+    return bool((np.abs(step) <= NEAR * size).all())
 
 
 def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""When two cycles are one."""
+"""Tests whether two cycles are the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cycles that simulated motions settle on, forwards and backwards in time."""
+"""Cycles to which simulated motions settle, forwards and backwards in time."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from hbbogie.branches.same import once_each
+from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
@@ -20,6 +21,7 @@ from hbbogie.solving.solvers import solve
 STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
 CHUNK, LONGEST = 2e3, 1.2e5  # steps simulated between two looks at the motion, and at most
 SLOWEST = 60.0  # or so many time constants of the slowest mode
+MOST = 5e5  # steps of a motion in any case: a stiff system has time constants that no simulation reaches
 FINEST = 511  # highest harmonic of a motion from which shooting may go on
 NEAR = 0.2  # share by which the frequency of a motion may be off the cycle it has settled on
 
@@ -99,9 +101,12 @@ def _settled(system: System, starts: list[dict[str, float]], coordinate: str) ->
     step = max(default_step(system, system.vector()), 1e-3 / float(rates.max())) if len(rates) else 1e-3
     longest = max(LONGEST * step, SLOWEST / float(rates.min(initial=np.inf)))
     for start in starts:
+        if time_is_over():
+            return
         for h in (step, step / 8):  # what blows up may be the integration only
+            most = min(longest, MOST * h)
             try:
-                yield settle(system, start, coordinate=coordinate, chunk=CHUNK * step, longest=longest, step=h)
+                yield settle(system, start, coordinate=coordinate, chunk=CHUNK * step, longest=most, step=h)
                 break
             except ConvergenceError:
                 continue

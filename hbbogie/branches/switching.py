@@ -1,4 +1,4 @@
-"""Branches that begin at special points: a first guess beyond the point, and the first point of the new curve."""
+"""Switching branches at special points: a first guess beyond the point, and the first point of the new curve."""
 
 from __future__ import annotations
 

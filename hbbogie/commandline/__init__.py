@@ -1,7 +1,7 @@
 """The command line: ``hbbogie COMMAND NAME ...``.
 
-Arguments are read here, a job of `hbbogie.reports` is done, and its report is shown and written. Numerics and figures
-load inside the commands only.
+This wing reads arguments, runs a job of `hbbogie.reports`, and shows and writes its report. Numerics and figures are
+imported only inside the commands.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What all commands share: the application, options, loading a problem, doing a job."""
+"""Code shared by all commands: the application, options, loading a problem, running a job."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import inspect
 import os
 from collections.abc import Callable
 from contextvars import ContextVar
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from types import ModuleType
@@ -48,6 +49,10 @@ MaybeOutput = Annotated[
 ]
 Harmonics = Annotated[
     int | None, typer.Option(min=1, help="Highest harmonic; by default as high as the error estimate asks for.")
+]
+Limit = Annotated[
+    float | None,
+    typer.Option("--limit", metavar="SECONDS", help="Time after which to end with what was found, and to say so."),
 ]
 Interval = Annotated[
     tuple[float, float] | None,
@@ -150,14 +155,31 @@ def load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
     return module, system_of(module, **values)
 
 
-def do(name: str, overrides: list[str] | None, output: Path, as_json: bool, job: Callable[..., Report]) -> None:
-    """Load a problem, do a job (module, system, progress) -> Report, write its files and show it."""
+def do(
+    name: str,
+    overrides: list[str] | None,
+    output: Path,
+    as_json: bool,
+    job: Callable[..., Report],
+    limit: float | None = None,
+) -> None:
+    """Load a problem, do a job (module, system, progress) -> Report in a time, write its files and show it."""
     from hbbogie.commandline.terminal import deliver, progress_shown
     from hbbogie.reports.report import check_directory
 
     module, system = load(name, overrides)
     check_directory(output)
     with progress_shown() as progress:
-        found = job(module, system, progress)
+        found = in_time(limit, lambda: job(module, system, progress))
         files = written(found, output, progress)
     deliver(found, files, as_json)
+
+
+def in_time(limit: float | None, job: Callable[[], Report]) -> Report:
+    """Return the report of a job that is to end after some seconds; it says so where it was ended."""
+    from hbbogie.deadline import time_is_over, time_limit
+
+    with time_limit(limit):
+        found, over = job(), time_is_over()
+    said = f"Incomplete: the time limit of {limit:g} s was reached; what was found by then is shown." if over else ""
+    return replace(found, notes=(said, *found.notes), data={**found.data, "complete": False}) if over else found

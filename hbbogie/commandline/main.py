@@ -1,7 +1,8 @@
-"""The command line: parse, call, show, save. Numerics and figures are imported inside the commands only."""
+"""The command line: parse, call, show, save. Numerics and figures are imported only inside the commands."""
 
 from __future__ import annotations
 
+import functools
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +15,7 @@ from hbbogie.commandline.application import (
     AsJson,
     Harmonics,
     Interval,
+    Limit,
     MaybeOutput,
     Output,
     Overrides,
@@ -22,6 +24,7 @@ from hbbogie.commandline.application import (
     app,
     command,
     do,
+    in_time,
     load,
     written,
 )
@@ -67,6 +70,7 @@ def branch(
         bool,
         typer.Option("--stability/--no-stability", help="Judge every cycle, locate bifurcations and follow them."),
     ] = True,
+    limit: Limit = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -84,10 +88,16 @@ def branch(
     limits = check_interval(system, parameter, interval or own)
     check_directory(output)
     with progress_shown() as progress:
-        traced = bifurcation_diagram(
-            system, parameter, limits, harmonics=harmonics or "auto", stability=stability, progress=progress
+        diagram = functools.partial(
+            bifurcation_diagram,
+            system,
+            parameter,
+            limits,
+            harmonics=harmonics or "auto",
+            stability=stability,
+            progress=progress,
         )
-        found = report_of_diagram(system, traced)
+        found = in_time(limit, lambda: report_of_diagram(system, diagram()))
         files = written(found, output, progress)
     deliver(found, files, as_json)
 
@@ -105,6 +115,7 @@ def cycles(
     hill: Annotated[
         bool, typer.Option("--hill", help="Put the multipliers by Hill's method beside the integrated ones.")
     ] = False,
+    limit: Limit = None,
     output: MaybeOutput = None,
     as_json: AsJson = False,
 ) -> None:
@@ -122,7 +133,7 @@ def cycles(
         check_directory(output)
     with progress_shown() as progress:
         progress("looking for cycles", None)
-        cycles = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics or "auto")
+        cycles = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics or "auto", limit=limit)
         found = report_of_cycles(system, parameter, cycles, hill=hill)
         files = [] if output is None else written(found, output, progress)
     deliver(found, files, as_json)

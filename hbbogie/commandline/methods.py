@@ -12,6 +12,7 @@ from hbbogie.commandline.application import (
     AsJson,
     Harmonics,
     Interval,
+    Limit,
     Output,
     Overrides,
     ParameterName,
@@ -30,7 +31,7 @@ def compare(
     name: Problem,
     methods: Annotated[
         str | None,
-        typer.Option(metavar="LIST", help="Methods, separated by commas: df1, df2, mhb with a harmonic, exact."),
+        typer.Option(metavar="LIST", help="Methods, by commas: df1, df2, mhb with a harmonic, exact, collocation."),
     ] = None,
     values: Annotated[
         str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
@@ -88,6 +89,7 @@ def critical(
     name: Problem,
     parameter: ParameterName = None,
     interval: Interval = None,
+    limit: Limit = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -95,7 +97,8 @@ def critical(
     """Find the critical values of a parameter, Hopf points and folds, with their gradients."""
     from hbbogie.reports.critical import critical_of
 
-    do(name, overrides, output, as_json, functools.partial(critical_of, parameter=parameter, interval=interval))
+    job = functools.partial(critical_of, parameter=parameter, interval=interval)
+    do(name, overrides, output, as_json, job, limit)
 
 
 @command(

@@ -1,4 +1,4 @@
-"""Commands that verify the picture by motions in time: basins of attraction, slowly changing parameters."""
+"""Commands that confirm the picture by motions in time: basins of attraction, slowly changing parameters."""
 
 from __future__ import annotations
 
@@ -74,6 +74,37 @@ def basin(
         files = written(found, folder, progress)
         scan.save(folder / "basin.nc")
     deliver(found, [*files, folder / "basin.nc"], as_json)
+
+
+@command(
+    "hbbogie animate yang1995 --set V=100",
+    "hbbogie animate yang1995 --set V=80 --file falling.gif",
+    "hbbogie animate van_der_pol --set mu=3",
+)
+def animate(
+    name: Problem,
+    file: Annotated[
+        Path | None, typer.Option("--file", metavar="FILE", help="A .gif or .mp4; by default NAME.gif.")
+    ] = None,
+    coordinate: Annotated[str | None, typer.Option(metavar="NAME", help="By default the first one.")] = None,
+    cycle: Annotated[
+        int | None, typer.Option(help="Which cycle, from 1, by growing amplitude; by default the largest stable one.")
+    ] = None,
+    frames: Annotated[int, typer.Option(help="Number of pictures.")] = 50,
+    overrides: Overrides = None,
+) -> None:
+    """Show how a system moves on its cycle, or how it comes to rest, as a moving picture."""
+    from hbbogie import plot
+    from hbbogie.commandline.terminal import progress_shown
+    from hbbogie.reports.animation import motion_to_show
+
+    module, system = load(name, overrides)
+    target = plot.check_target(file or Path(f"{Path(name).stem}.gif"))
+    with progress_shown() as progress:
+        motion, said = motion_to_show(module, system, progress, cycle=cycle)
+        progress("drawing", None)
+        plot.animate(motion, target, getattr(module, "sketch", None), coordinate, frames=frames)
+    print(f"{target}: {said}")
 
 
 @command(

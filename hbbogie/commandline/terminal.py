@@ -1,4 +1,4 @@
-"""What the command line shows and reads: tables, progress, errors and exit codes, JSON, NAME=VALUE."""
+"""Output and input of the command line: tables, progress, errors and exit codes, JSON, NAME=VALUE."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Critical values of a parameter: folds and Hopf points with gradients, and charts of them over two parameters.
 
-A `System` or a guess goes in; `Critical` comes out, the value with its derivative in every other parameter.
+A `System` or a guess goes in. A `Critical` comes out: the value with its derivatives in all other parameters.
 """
 
 import lazy_loader

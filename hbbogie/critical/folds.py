@@ -8,7 +8,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.collocated import collocated_fold
 from hbbogie.branches.continuation import trace
+from hbbogie.collocation.method import CollocationEquations
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
@@ -23,9 +25,9 @@ FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its valu
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
-@door(equations=Equations, guess=(Orbit, SpecialPoint), parameter=str)
+@door(equations=(Equations, CollocationEquations), guess=(Orbit, SpecialPoint), parameter=str)
 def fold(
-    equations: Equations,
+    equations: Equations | CollocationEquations,
     guess: Orbit | SpecialPoint,
     parameter: str,
     *,
@@ -41,7 +43,8 @@ def fold(
 
     Parameters
     ----------
-    equations : Equations
+    equations : Equations, or those of `hbbogie.collocation.Collocation`
+        With the latter the branch is followed from the guess, and ``search`` and ``tolerance`` mean nothing.
     guess : Orbit or SpecialPoint
         Near the fold, such as one of ``branch.folds()``.
     parameter : str
@@ -61,6 +64,8 @@ def fold(
     ModelError
         For an unknown parameter, or equations of equilibria.
     """
+    if isinstance(equations, CollocationEquations):
+        return collocated_fold(equations, guess, equations.system.parameter(parameter).name)
     system = equations.system
     place = system.parameter_names.index(system.parameter(parameter).name)
     if equations.phase is None:

@@ -1,4 +1,4 @@
-"""Following a curve of critical values: pieces, where something changes on them, and points they pass through."""
+"""Following a curve of critical values: its pieces, the places where something changes, and the points it passes."""
 
 from __future__ import annotations
 

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import extent
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import fold
+from hbbogie.critical.harmonic_error import with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
+from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
-from hbbogie.exact.critical import fold_near
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
-from hbbogie.results.branch import SpecialPoint
-from hbbogie.results.critical import Critical, CriticalValues
+from hbbogie.results.branch import Branch, SpecialPoint
+from hbbogie.results.critical import Critical, Criticals
 from hbbogie.results.failure import FAILURES, ConvergenceError
 
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
-NEAR = 0.1  # relative distance in frequency up to which a fold in closed form is the same
 SAME = 1e-7  # relative distance in value and frequency below which two points are one
-COARSE = 15  # highest harmonic with which branches are traced in search of folds
+ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in turn
+RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
 
 @door(system=System, parameter=str)
@@ -36,9 +36,13 @@ def critical_speeds(
     *,
     harmonics: int = 21,
     start: Start | None = None,
+    limit: float | None = None,
     **values: float,
-) -> CriticalValues:
+) -> Criticals:
     """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
+
+    Each branch is followed from its Hopf point to where it leaves the interval or ends, with 9 harmonics; with more
+    where these do not resolve its cycles or lose it. Each fold is then solved for with all harmonics.
 
     Parameters
     ----------
@@ -47,20 +51,21 @@ def critical_speeds(
     interval : (float, float), optional, unit of the parameter
         Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out.
     harmonics : int
-        Highest harmonic of the folds; the branches that lead to them are traced with 15 at most.
+        Highest harmonic of the folds.
     start : Orbit, Trajectory, mapping from name to value or sequence of float, optional
         A state: only Hopf points of the equilibrium near it, and their branches, are looked at.
+    limit : float, optional, s
+        Time after which the search ends with what was found, and says so in ``undecided``.
     **values : float
         Parameter values, by name.
 
     Returns
     -------
-    CriticalValues : list of Critical
-        In increasing order of the value. The list carries ``evidence``: equilibria, the branches followed and why each
-        ended. The error of a fold is its distance from the fold in closed form where the
-        system is linear between switchings, else an estimate, if there are more than 15 harmonics; its status says
-        which. Folds on branches that reach no Hopf point in the interval, or up to half
-        of it beyond its ends, are not among them.
+    Criticals : list of Critical
+        In increasing order of the value. The error of a fold bounds what the harmonics left out change. The list
+        carries ``evidence``: how far each branch was followed; and ``undecided``: what was not followed to its end.
+        Folds on branches that reach no Hopf point in the interval, or up to half of it beyond its ends, are not among
+        them.
 
     Raises
     ------
@@ -74,89 +79,102 @@ def critical_speeds(
     # the branch of a fold inside may begin at a Hopf point beyond the end
     around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)
     span = check_interval(system, parameter, around)
-    coarse, fine = (HarmonicBalance(H).equations(system) for H in (min(harmonics, COARSE), harmonics))
-    found: list[Critical] = []
-    located: list[SpecialPoint] = []
-    points = hopf_points(system, parameter, span, start=start)
-    evidence = list(points.evidence)
-    for hopf in points:
-        name = f"the branch from the Hopf point at {parameter} = {hopf.value:.9g}"
-        if lo <= hopf.value <= hi:
-            found.append(hopf_gradient(system, hopf))
+    with time_limit(limit):
+        search = _Search(HarmonicBalance(harmonics).equations(system), harmonics, span)
+        points = hopf_points(system, parameter, span, start=start)
+        search.undecided += points.undecided
+        if not points:
+            search.evidence += points.evidence
+        for hopf in points:
+            if lo <= hopf.value <= hi:
+                search.found.append(hopf_gradient(system, hopf))
+            search.follow(hopf)
+        if time_is_over() and not search.undecided:
+            search.undecided.append("the time limit was reached before all was searched")
+        inside = [
+            _with_doubt(system, with_error(system, c, harmonics)) if c.kind == "fold" else c
+            for c in search.found
+            if lo <= c.value <= hi
+        ]
+    return Criticals(sorted(inside, key=lambda c: c.value), search.evidence, search.undecided)
+
+
+def _with_doubt(system: System, fold: Critical) -> Critical:
+    """Return a fold whose status says so where its cycle is not resolved."""
+    doubt = doubt_at_fold(system, fold.orbit)
+    return replace(fold, status=f"{fold.status}; {doubt}") if doubt else fold
+
+
+@dataclass(eq=False)
+class _Search:
+    """The search for folds along branches, and what it has found."""
+
+    equations: Equations
+    harmonics: int
+    span: tuple[float, float]
+    found: list[Critical] = field(default_factory=list)
+    evidence: list[str] = field(default_factory=list)
+    undecided: list[str] = field(default_factory=list)
+
+    def follow(self, hopf: SpecialPoint) -> None:
+        """Follow the branch from a Hopf point, with more harmonics where it takes them, and solve for its folds."""
+        name = f"the branch from the Hopf point at {hopf.parameter} = {hopf.value:.9g}"
+        orders = sorted({min(H, self.harmonics) for H in ORDERS})
+        why, branch, folds, tail = "the time limit was reached", None, list[Critical](), 0.0
+        for H in orders:
+            if time_is_over():
+                break
+            try:
+                branch = self._traced(hopf, H)
+            except FAILURES as error:
+                why = str(error).partition("\n")[0]
+                continue
+            last = orders[-1] == H
+            try:
+                folds = [self._solved(special, last) for special in branch.folds()]
+            except ConvergenceError:  # of a fold that these harmonics alone have
+                continue
+            tail = max(o.tail for o in branch.orbits)
+            if branch.ends[1].complete and tail <= RESOLVED:
+                break
+        if branch is None:
+            said = f"{name} was not followed: {why}"
+            self.evidence.append(said)
+            self.undecided.append(said)
+            return
+        low, high = float(branch.values.min()), float(branch.values.max())
+        said = f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[1]}"
+        lost = tail > LOST
+        if lost:
+            said += f"; {H} harmonics do not resolve all its cycles, whose folds may be others"
+        self.evidence.append(said)
+        if lost or not branch.ends[1].complete:
+            self.undecided.append(said)
+        self.found += [c for c in folds if not any(coincide(c, other) for other in self.found)]
+
+    def _traced(self, hopf: SpecialPoint, H: int) -> Branch:
+        equations = HarmonicBalance(H).equations(self.equations.system)
+        return trace(equations, hopf, hopf.parameter, self.span, families=False, stability=False)
+
+    def _solved(self, special: SpecialPoint, last: bool) -> Critical:
+        """Return a fold of a branch with its gradient; of the last attempt without one where that does not converge."""
         try:
-            branch = trace(coarse, hopf, parameter, span, families=False, stability=False)
-        except (ConvergenceError, ModelError) as error:  # no cycle of the kept harmonics begins here
-            evidence.append(f"{name} was not followed: {error}")
-            continue
-        evidence.append(extent(name, branch))
-        # a branch between two Hopf points is traced from both
-        located += [new for new in branch.folds() if not any(coincide(new, other) for other in located)]
-    for special in located:
-        critical = _refined(system, _polished(fine, special), special, harmonics)
-        if lo <= critical.value <= hi and not any(coincide(critical, other) for other in found):
-            found.append(critical)
-    return CriticalValues(sorted(found, key=lambda c: c.value), evidence)
-
-
-def _polished(equations: Equations, special: SpecialPoint) -> Critical:
-    """Return the fold of a branch with its gradient; without one where that does not converge."""
-    try:
-        return fold(equations, special, special.parameter)
-    except ConvergenceError as error:
-        status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
-        value, extremum, omega, nan = special.value, special.extremum, special.omega, float("nan")
+            return fold(self.equations, special, special.parameter, search=last and not time_is_over())
+        except ConvergenceError as error:
+            if not last:
+                raise
+            status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
+        shown: dict[str, Any] = {"gradient": {}, "residual": orbit.residual, "curvature": float("nan")}
         return Critical(
             kind="fold",
             parameter=special.parameter,
-            value=value,
-            extremum=extremum,
-            omega=omega,
-            gradient={},
+            value=special.value,
+            extremum=special.extremum,
+            omega=special.omega,
             orbit=orbit,
-            residual=orbit.residual,
-            curvature=nan,
             status=status,
+            **shown,
         )
-
-
-def _refined(system: System, critical: Critical, special: SpecialPoint, harmonics: int) -> Critical:
-    """Return a fold with the error of harmonics left out, and with twice as many where its cycle is not resolved.
-
-    The error is the distance from the fold in closed form, where there is one, else from one of fewer harmonics.
-    """
-    exact = _closed_form(system, critical)
-    if exact is not None:
-        return exact
-    coarse = special.value if harmonics > COARSE else None
-    before, doubt = COARSE, doubt_at_fold(system, critical.orbit)
-    if doubt:
-        H = 2 * harmonics + 1
-        try:
-            finer = fold(HarmonicBalance(H).equations(system), critical.orbit, critical.parameter, search=False)
-        except FAILURES:
-            return replace(critical, status=f"{critical.status}; {doubt}, there is no such fold near by with {H}")
-        coarse, before, critical = critical.value, harmonics, finer
-        critical = replace(critical, status=f"{critical.status}; with {H} harmonics")
-        doubt = doubt_at_fold(system, critical.orbit)
-    status = critical.status + (f"; {doubt}" if doubt else "")
-    if coarse is None:
-        return replace(critical, status=status)
-    status += f"; error estimated from {before} harmonics, which is no bound"
-    return replace(critical, error=abs(critical.value - coarse), status=status)
-
-
-def _closed_form(system: System, critical: Critical) -> Critical | None:
-    """Return a fold with its distance from the one in closed form; None where there is none."""
-    if critical.extremum != "minimum":
-        return None
-    try:
-        exact = fold_near(system, critical.orbit, critical.parameter)
-    except (ConvergenceError, ModelError):  # not linear between switchings, or too far away
-        return None
-    if abs(exact.omega / critical.omega - 1) > NEAR:
-        return None
-    status = f"{critical.status}; the fold in closed form lies at {exact.value:.12g}"
-    return replace(critical, error=abs(critical.value - exact.value), status=status)
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:

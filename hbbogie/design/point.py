@@ -127,7 +127,7 @@ def design_point(
         )
     hopf = [] if near is None else hopf_points(system, parameter, interval)
     if near is None or len(hopf) != sum(c.kind == "hopf" for c in near.critical):
-        found = list(critical_speeds(system, parameter, interval, harmonics=harmonics))
+        found = [*critical_speeds(system, parameter, interval, harmonics=harmonics)]
     else:
         found = [hopf_gradient(system, h) for h in hopf]
     for c in near.critical if near else ():  # a fold stays when its Hopf point leaves the range

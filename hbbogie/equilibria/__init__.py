@@ -1,6 +1,6 @@
 """Equilibria over a parameter: where they are, their eigenvalues, and the Hopf points at which cycles begin.
 
-A `System` goes in. Hopf points come out as `SpecialPoint`, from which `trace` and `fold` go on.
+A `System` goes in. Hopf points come out as `SpecialPoint`, from which `trace` and `fold` can start.
 """
 
 import lazy_loader

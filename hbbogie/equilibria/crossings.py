@@ -66,6 +66,8 @@ class Crossings:
     found : tuple of Crossing
     notes : tuple of str
         What stays on the axis, what is not located, where there are no derivatives.
+    undecided : tuple of str
+        Those of them that may be Hopf points: what is not located.
     """
 
     u: Array
@@ -73,6 +75,7 @@ class Crossings:
     values: Complex
     found: tuple[Crossing, ...]
     notes: tuple[str, ...]
+    undecided: tuple[str, ...]
 
     @property
     def unstable(self) -> NDArray[np.intp]:
@@ -180,7 +183,8 @@ def crossings(rest: Rest, box: Box, branch: RestBranch) -> Crossings:
             break
         todo = _halves(steps, divided, names)
     found.sort(key=lambda c: float(c.u[-1]))
-    return Crossings(steps.u, steps.t, values, tuple(found), _notes(rest, names))
+    missed = {name: places for name, places in names.items() if name == NOT_LOCATED}
+    return Crossings(steps.u, steps.t, values, tuple(found), _notes(rest, names), _notes(rest, missed))
 
 
 def _halves(steps: Steps, divided: list[Step], names: dict[str, list[float]]) -> list[Step]:

@@ -56,13 +56,14 @@ def hopf_points(
     span = check_interval(system, parameter, interval)
     parts, notes = census(system, parameter, span, start)
     points: list[SpecialPoint] = []
-    evidence = list(notes)
+    evidence, undecided = list(notes), list[str]()
     for part in parts:
         for branch in part.branches:
             found = crossings(part.rest, part.box, branch)
             points += hopf_specials(part.rest, span, found)
             evidence += branch_evidence(part.rest, branch, found)
-    return HopfPoints(in_order(points, span), tuple(evidence))
+            undecided += [*found.undecided, *(f"equilibria: {end}" for end in branch.ends if not end.complete)]
+    return HopfPoints(in_order(points, span), tuple(evidence), tuple(undecided))
 
 
 def hopf_specials(rest: Rest, span: tuple[float, float], found: Crossings) -> list[SpecialPoint]:

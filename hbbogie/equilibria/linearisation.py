@@ -1,4 +1,4 @@
-"""Equilibrium and eigenvalues at one value of a parameter after the other, followed from rest."""
+"""The equilibrium and its eigenvalues at successive values of a parameter, followed from rest."""
 
 from __future__ import annotations
 

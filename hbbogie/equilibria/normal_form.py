@@ -1,4 +1,4 @@
-"""Normal form of a Hopf point: the first Lyapunov coefficient, whose sign says which way cycles begin."""
+"""Normal form of a Hopf point: the first Lyapunov coefficient, whose sign tells sub- from supercritical onset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equilibria from anywhere: damped Newton's method from many states at once."""
+"""Search for equilibria: damped Newton's method from many states at once."""
 
 from __future__ import annotations
 

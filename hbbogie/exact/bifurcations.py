@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TURNS = ("fold", "fold not located")
-HALVINGS = 8  # of the way between two points
-REAL = 1e-6  # imaginary part, relative to the modulus, up to which a multiplier is real
+HALVINGS = 8  # bisections between two points
+REAL = 1e-6  # imaginary part, relative to the modulus, up to which a multiplier counts as real
 VALUE = 1e-12  # relative error of the parameter at any point
-SMALLEST = 1e-30  # modulus up to which multipliers are alike when they are matched
+SMALLEST = 1e-30  # modulus up to which multipliers count as alike when they are matched
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,10 @@ class Crossing:
     kind : {"pitchfork", "period doubling", "branch point", "Neimark-Sacker", "not located"}
     point : Point
     before : int
-        The point of the branch that lies before it.
+        Place of the preceding point of the branch.
     status : str
     interval : (float, float), unit of the parameter
-        Values of the parameter between which it lies.
+        Values of the parameter between which the crossing lies.
     """
 
     kind: str
@@ -66,7 +66,7 @@ def multiplier_crossings(points: Sequence[Point], verdicts: Sequence[Stability])
         change = verdicts[j].unstable - verdicts[i].unstable
         if not change or (abs(change) == 1 and any(p.kind in TURNS for p in points[i : j + 1])):
             continue
-        for k in range(i, j):  # over a change of the sequence multipliers are continuous: the last stretch will do
+        for k in range(i, j):  # multipliers are continuous where the sequence changes, so the last stretch is enough
             a, b = points[k], points[k + 1]
             if a.closing is b.closing and _count(a) != _count(b):
                 found.append(_located(a, b, k))
@@ -87,7 +87,7 @@ def _unlocated(a: Point, b: Point, before: int, what: str) -> Crossing:
 
 
 def _located(a: Point, b: Point, before: int) -> Crossing:
-    """Return the crossing between two points of one sequence: by halving, then as a zero of log |m|."""
+    """Return the crossing between two points of one sequence, by bisection and then as a zero of log |m|."""
     first, last, count = a, b, _count(a)
     lost = _unlocated(first, last, before, "multipliers cross the unit circle")
     for _ in range(HALVINGS):
@@ -150,7 +150,7 @@ def _crossing_multiplier(a: Point, b: Point) -> complex | None:
 
 
 def _nontrivial(point: Point) -> Complex:
-    """Return the multipliers without the one nearest to 1, those of half a period where the cycle is odd."""
+    """Return the multipliers without the one nearest to 1; those of half a period if the cycle is odd."""
     s = judged(point)
     m = s.multipliers if s.half_multipliers is None else s.half_multipliers
     return np.delete(m, int(np.argmin(np.abs(m - 1))))

@@ -16,15 +16,14 @@ from hbbogie.exact.hopf import HopfPoints, hopf_of
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.points import Point
 from hbbogie.exact.starting import at_grazing, exact_cycle
-from hbbogie.exact.walk import follow
+from hbbogie.exact.walk import Walk, follow
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-
-BEYOND = 1.02  # value up to which a branch is followed, relative to its Hopf point
+_Answer = tuple[Fold | None, str, bool, bool]  # the fold, what was found, whether that failed, whether it is complete
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +39,16 @@ class CriticalValues:
         How each fold was found, or why there is none.
     failed : ndarray of bool, shape (D,)
         Whether the search failed, so that it is unknown if there is a fold.
+    complete : ndarray of bool, shape (D,)
+        Whether the branch was followed to its end. It is not where the fold was found from the nominal one: there may
+        be a second one, lower.
     """
 
     folds: tuple[Fold | None, ...]
     hopf: HopfPoints
     status: tuple[str, ...]
     failed: NDArray[np.bool_]
+    complete: NDArray[np.bool_]
 
     __repr__ = brief
 
@@ -103,16 +106,16 @@ class NominalDesign:
         model, sides = self.start.closing.model, self.start.closing.sequence.states[0]
         hopf = _hopfs(model, p, place, sides, low)
         straight, stepped = folds_near(self.fold, p) if self.fold else ({}, {})
-        answers: list[tuple[Fold | None, str, bool]] = []
+        answers: list[_Answer] = []
         lost: list[int] = []
         for d in range(len(p)):
             fold = straight.get(d) or stepped.get(d)
             if fold is not None and hopf.first[d] and low <= fold.value < hopf.value[d]:
                 how = "from the nominal fold" if d in straight else "in steps from the nominal fold"
-                answers.append((fold, f"fold found {how}", False))
+                answers.append((fold, f"fold found {how}, the branch not followed", False, False))
             else:
-                at, fold, status, unknown = _followed(self.system, self.parameter, p[d], self.interval)
-                answers.append((fold, status, unknown))
+                at, answer = _followed(self.system, self.parameter, p[d], self.interval)
+                answers.append(answer)
                 if at is None:
                     hopf.value[d], hopf.first[d] = np.nan, False
                 else:
@@ -122,12 +125,8 @@ class NominalDesign:
             again = _hopfs(model, p[lost], place, sides, low)
             for field in fields(HopfPoints):
                 getattr(hopf, field.name)[lost] = getattr(again, field.name)
-        return CriticalValues(
-            tuple(fold for fold, _, _ in answers),
-            hopf,
-            tuple(status for _, status, _ in answers),
-            np.array([failed for *_, failed in answers], dtype=bool),
-        )
+        given, status, failed, complete = zip(*answers, strict=True) if answers else ((), (), (), ())
+        return CriticalValues(given, hopf, status, np.array(failed, dtype=bool), np.array(complete, dtype=bool))
 
 
 def nominal_design(system: System, parameter: str, interval: tuple[float, float]) -> NominalDesign:
@@ -148,8 +147,13 @@ def nominal_design(system: System, parameter: str, interval: tuple[float, float]
             "nominal design that has one, or another interval."
         )
     start = at_grazing(system, hopfs[0])
-    folds = follow(start, (low, BEYOND * hopfs[0].value)).marked("fold")
+    folds = _below(follow(start, (low, high)), hopfs[0].value)
     return NominalDesign(system, parameter, (low, high), start, Nominal(folds[0]) if folds else None)
+
+
+def _below(walk: Walk, value: float) -> list[Point]:
+    """Return the folds of a branch below a value, the lowest first."""
+    return sorted((point for point in walk.marked("fold") if point.value < value), key=lambda point: point.value)
 
 
 def critical_values(system: System, points: Array, parameter: str, interval: tuple[float, float]) -> CriticalValues:
@@ -184,30 +188,24 @@ def _hopfs(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float
     return HopfPoints(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(HopfPoints)))
 
 
-def _followed(
-    system: System, parameter: str, p: Array, interval: tuple[float, float]
-) -> tuple[float | None, Fold | None, str, bool]:
-    """Follow the branch of one design from its first Hopf point.
-
-    Return the value of the Hopf point (None if there is none), the fold, a status, and whether the search failed.
-    """
+def _followed(system: System, parameter: str, p: Array, interval: tuple[float, float]) -> tuple[float | None, _Answer]:
+    """Follow the branch of one design from its first Hopf point; return the value there, None where there is none."""
     one = system.with_parameters(**dict(zip(system.parameter_names, map(float, p), strict=True)))
     hopfs = hopf_points(one, parameter, interval)
     if not hopfs:
-        return None, None, f"no fold: there is no Hopf point from {interval[0]:g} to {interval[1]:g}", False
+        return None, (None, f"no fold: there is no Hopf point from {interval[0]:g} to {interval[1]:g}", False, True)
     try:
         start = at_grazing(one, hopfs[0])
-        walk = follow(start, (interval[0], BEYOND * hopfs[0].value))
+        walk = follow(start, interval)
     except ConvergenceError as error:
-        return hopfs[0].value, None, f"the branch could not be begun: {error}", True
-    below = [point for point in walk.marked("fold") if point.value < hopfs[0].value]
-    if below:
-        lowest = min(below, key=lambda point: point.value)
-        return hopfs[0].value, _fold_at(lowest), "fold found by following the branch from its Hopf point", False
-    missed = bool(walk.marked("fold not located")) or walk.end.kind != "interval"
+        return hopfs[0].value, (None, f"the branch could not be begun: {error}", True, False)
+    complete = walk.end.complete and not (walk.marked("fold not located") or walk.marked("not located"))
+    if below := _below(walk, hopfs[0].value):
+        text = f"fold found by following the branch from its Hopf point; {walk.end}"
+        return hopfs[0].value, (_fold_at(below[0]), text, False, complete)
     falling = "falls" if start.direction < 0 else "rises"
     text = f"no fold: at its grazing the branch {falling}, {len(walk.points)} points followed; {walk.end}"
-    return hopfs[0].value, None, text, missed
+    return hopfs[0].value, (None, text, not complete, complete)
 
 
 def _fold_at(point: Point) -> Fold:

@@ -21,8 +21,8 @@ class Exact:
     Parameters
     ----------
     harmonics : int
-        Highest harmonic of the series in which orbits are given. Frequency, parameter, multipliers and special points
-        do not depend on it.
+        Highest harmonic of the series of the resulting orbits. Frequency, parameter, multipliers and special points do
+        not depend on it.
 
     Examples
     --------
@@ -53,15 +53,15 @@ class Exact:
 
 @dataclass(frozen=True, eq=False)
 class ExactEquations:
-    """The equations of exact cycles of a system; `solve` and `trace` take them like those of harmonic balance.
+    """The equations of exact cycles of a system, which `solve` and `trace` accept like those of harmonic balance.
 
     Attributes
     ----------
     system : System
-        Whose parameter values hold wherever a solver is not told otherwise.
+        Its parameter values apply unless a solver is given others.
     model : SwitchedLinear
     harmonics : int
-        Highest harmonic of the series in which orbits are given.
+        Highest harmonic of the series of the resulting orbits.
     """
 
     system: System
@@ -92,11 +92,11 @@ class ExactEquations:
             return walk.points[-1]
         raise ConvergenceError(
             f"system {self.system.name!r}: no exact cycle was found at {parameter} = {value:g} from the guess at "
-            f"{before:g}: its branch turns back or ends before ({walk.end}). Take a guess nearer to it, or look with "
+            f"{before:g}: its branch turns back or ends before it ({walk.end}). Give a nearer guess, or use "
             "find_cycles."
         )
 
     def at(self, orbit: Orbit, parameter: str) -> Orbit:
-        """Return an orbit with the system's parameter values, but for one that stays its own."""
+        """Return an orbit with the system's parameter values, except for one, which keeps its own value."""
         own = orbit.parameters.get(parameter, self.system.values[parameter])
         return orbit.replace(parameters={**self.system.values, parameter: own})

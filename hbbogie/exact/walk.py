@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
+from hbbogie.deadline import time_is_over
 from hbbogie.exact.changes import across, beyond, rotated, sound
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of
@@ -23,6 +24,7 @@ PREDICTED = 1e-2  # distance of the predicted point from the branch for which th
 SHORTEST = 1e-5  # step at which the walk gives up
 NEARER = 1e-3  # step below which a change of the sequence is passed without being located
 SHORT = 1e-4  # scaled duration of a contact below which its vanishing would be mistaken for a fold
+LARGEST = 1e3  # size of a motion, in units of that at which the branch began, at which the walk ends
 BISECTIONS = 8  # bisections between two points in search of a fold
 
 
@@ -62,12 +64,16 @@ def follow(
     window : (float, float), unit of the parameter
         The walk ends when the parameter leaves it.
     step, longest : float
-        First and longest step in the norm of the scaled unknowns.
+        First and longest step in the norm of the scaled unknowns; where these are larger than 1, relative to them.
     most : int
         Largest number of points.
     """
     points, before, here, length = [first], None, first, step
     while len(points) < most:
+        if time_is_over():
+            return Walk(
+                points, Ending("limit", f"the time limit was reached at {here.value:g}", "raise limit to go on")
+            )
         low, high = (v / here.closing.frame.parameter[0] for v in window)
         there, off = correct(here.closing, predicted(before, here, length), here.tangent)
         if there is None or there.tangent @ here.tangent < 0.5:
@@ -107,7 +113,10 @@ def follow(
         same = changed.closing is here.closing
         before, here = (here, changed) if same else (None, changed)
         factor = min(2.0, max(0.4, (PREDICTED / max(off, 1e-12)) ** (0.25 if before else 0.5)))
-        length = min(length * factor, longest)
+        size = float(np.abs(here.y[: here.closing.n]).max())
+        if size > LARGEST:
+            return Walk(points, Ending("beyond", f"the motion is {LARGEST:g} times as large as where the branch began"))
+        length = min(length * factor, longest * max(1.0, size))
         turned = rotated(here)
         if turned is not here:
             before, here = None, turned

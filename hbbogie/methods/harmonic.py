@@ -13,6 +13,7 @@ from hbbogie.methods.assembly import Assembly
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.layout import Layout, make_layout
 from hbbogie.methods.scales import make_equations
+from hbbogie.methods.size import check_size
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 
@@ -85,6 +86,14 @@ class HarmonicBalance:
             )
         return tuple(h for h in range(self.harmonics + 1) if h % 2 or not odd)
 
+    def check(self, system: System) -> None:
+        """Raise `ModelError` where the equations of a system would take too much memory; it takes no time itself."""
+        parts = system.parts(self.contact)
+        samples = (self.samples or self.default_samples) if parts.remainder_rows else 0
+        count = (len(system.nonlinear_coordinates) or 1) if self.condense else system.n
+        odd = system.odd if self.odd is None else self.odd
+        check_size(int(self.harmonics), samples, count, system.name, odd)
+
     def layout(self, system: System, kept: tuple[int, ...]) -> Layout:
         """Return which coefficients of which coordinates are unknowns."""
         return make_layout(
@@ -98,7 +107,14 @@ class HarmonicBalance:
         )
 
     def equations(self, system: System) -> Equations:
-        """Return the equations of the system's cycles (of its equilibria for H = 0)."""
+        """Return the equations of the system's cycles (of its equilibria for H = 0).
+
+        Raises
+        ------
+        ModelError
+            When they would take more than 4 GB of memory; the message says how many harmonics do not.
+        """
+        self.check(system)
         _check_gaps(system)
         kept = self.kept(system)
         assembly = system.once((self, kept), lambda: Assembly(self.layout(system, kept), system))

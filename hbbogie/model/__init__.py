@@ -1,7 +1,7 @@
-"""Models: equations of motion written symbolically, and what analysis finds in them.
+"""Models: symbolic equations of motion, and their analysis.
 
-A `System` is made from `Coordinate`, `Parameter`, equations and `Element`, each of which puts a force law at its place.
-Everything above this wing takes the `System`. `load_problem` reads one from a problem file.
+A `System` is made from `Coordinate`, `Parameter`, equations and `Element`, which applies a force law to coordinates or
+velocities. Everything above this wing takes the `System`. `load_problem` reads one from a problem file.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Checks of what a system is made from."""
+"""Checks of the parts from which a system is made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Derivatives where the equations have none but the same on all sides, as a root of a sum of squares at zero."""
+"""Derivatives at points where equations have none, but the same one on all sides, as beside a root at zero."""
 
 from __future__ import annotations
 

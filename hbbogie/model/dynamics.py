@@ -1,4 +1,4 @@
-"""The equations of motion as one value: residual, first-order form, linear matrices."""
+"""The equations of motion as one value: residual, first-order form and linear matrices."""
 
 from __future__ import annotations
 

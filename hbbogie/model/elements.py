@@ -1,4 +1,4 @@
-"""Elements: force laws at their places in a system."""
+"""Elements: force laws applied to the coordinates and velocities of a system."""
 
 from __future__ import annotations
 

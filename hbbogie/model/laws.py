@@ -1,12 +1,11 @@
 """Nonlinear force laws.
 
-A law is a scalar function of one argument u, a coordinate, a velocity, or a linear combination
-of them; `Element` says where it acts. Laws whose graph is made of straight lines also give their
-`ramps`, from which harmonic balance integrates them exactly between the contact times where they do
-not jump, and by which stability and shooting locate contacts and jumps. Where it is
-known in closed form, ``describing(amplitude)`` is the describing function: the first harmonic of the
-force over u = Y cos(tau), divided by Y. ``reference_stiffness()`` is that of the linear oscillator
-about which the second order expands.
+A law is a scalar function of one argument u, which is a coordinate, a velocity, or a linear combination of them.
+`Element` says where it acts. Laws whose graph is made of straight lines also provide their `ramps`. From these,
+harmonic balance integrates laws without jumps exactly between the contact times, and stability and shooting locate
+contacts and jumps. If it is known in closed form, ``describing(amplitude)`` is the describing function: the first
+harmonic of the force over u = Y cos(tau), divided by Y. ``reference_stiffness()`` is the stiffness of the linear
+oscillator about which the second order expands.
 """
 
 from __future__ import annotations

@@ -3,20 +3,20 @@
 A problem is a Python file with a docstring (source, assumptions, symbols with units) and
 
 - ``SYSTEM``: a function that takes parameter values as keywords and returns a `System`;
-- ``PARAMETER``, optional: name of the parameter to continue in where nothing else is said;
+- ``PARAMETER``, optional: name of the parameter that is varied by default;
 - ``RANGE``, optional: smallest and largest value of that parameter, (lo, hi).
 
-A problem that takes more than one file is a folder of them. Its ``__init__.py`` offers these names, and imports them
-from the modules beside it, as in ``from .bogie import SYSTEM``.
+A problem that needs more than one file is a folder. Its ``__init__.py`` provides these names by importing them from the
+modules beside it, as in ``from .bogie import SYSTEM``.
 
-Worker processes. A problem is loaded as the module ``hbbogie_problem_<name>``. The name of a user's problem has the
-hash of its path behind it. The module stands in ``sys.modules`` but not on the import path. Its functions and classes
-therefore pickle, and a forked worker finds them. A worker started afresh has to load the problem first. The name is
+Worker processes. A problem is loaded as the module ``hbbogie_problem_<name>``. For a user's problem, the hash of its
+path is appended to the name. The module is in ``sys.modules`` but not on the import path. Its functions and classes can
+therefore be pickled, and a forked worker finds them. A newly started worker has to load the problem first. The name is
 the same in every process, so this is enough::
 
     ProcessPoolExecutor(initializer=load_problem, initargs=(path,))
 
-A `System` needs none of this: it pickles by itself.
+A `System` needs none of this, since it can be pickled on its own.
 """
 
 from __future__ import annotations

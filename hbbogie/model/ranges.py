@@ -1,4 +1,4 @@
-"""Intervals of a parameter: given ones checked, and what is looked at where none is given."""
+"""Intervals of a parameter: checks of given ones, and defaults."""
 
 from __future__ import annotations
 

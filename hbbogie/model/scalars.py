@@ -1,4 +1,4 @@
-"""What counts as a scalar in a model, and what is said to anything else."""
+"""Scalars in a model, and the messages about anything else."""
 
 from __future__ import annotations
 

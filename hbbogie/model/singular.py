@@ -1,4 +1,4 @@
-"""Where equations are not smooth or not finite: their divisions, logarithms and roots, named."""
+"""Places where equations are not smooth or not finite: divisions, logarithms and roots."""
 
 from __future__ import annotations
 

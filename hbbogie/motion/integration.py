@@ -175,7 +175,7 @@ def _advance(system: System, method: str, tolerance: float, size: int, x: Array,
         raise ConvergenceError(
             f"system {system.name!r}: CVODES gave up between t = {t:g} s and {t + size * h:g} s at tolerance "
             f"{tolerance:g} ({reason}). Either the motion grows without bound, or the tolerance cannot be "
-            "met: look at a shorter duration, or try a larger tolerance or a shorter step.",
+            "met: try a shorter duration, a larger tolerance or a shorter step.",
             statistics={"time": t, "state": x, "step": h},
         ) from error
 

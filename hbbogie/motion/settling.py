@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.brief import brief
+from hbbogie.deadline import time_is_over
 from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import Initial, default_step, simulate
@@ -112,6 +113,9 @@ def settle(
         elapsed, state = elapsed + length, piece
         kind, why = watch.judge(piece)
         if kind != "undecided" or longest - elapsed < 0.5 * step:
+            break
+        if time_is_over():
+            why = f"the time limit was reached; {why}"
             break
         if watch.seen < 4 * watch.turns:
             chunk *= 2

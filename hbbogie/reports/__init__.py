@@ -1,4 +1,4 @@
-"""Reports: what a job found, as tables, branches and figures.
+"""Reports: the results of a job as tables, branches and figures.
 
 Each job takes a problem, a system and options and returns a `Report`, which the command line prints and writes.
 """

@@ -1,4 +1,4 @@
-"""The interval around fold and Hopf point that jobs look at."""
+"""The interval around the fold and the Hopf point that jobs examine."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ import numpy as np
 from hbbogie.critical.bistability import Coexistence, coexistence
 from hbbogie.critical.folds import Critical
 from hbbogie.critical.speeds import critical_speeds
+from hbbogie.deadline import time_is_over
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -51,32 +52,32 @@ def critical_of(
     name, own = default_interval(module, system, parameter)
     span = interval or own
     progress(f"critical values of {name}", None)
-    critical = critical_speeds(system, name, span)
-    found = [_rounded(c, ZERO * (span[1] - span[0])) for c in critical]
-    evidence = tuple(f"{sentence[0].upper()}{sentence[1:]}." for sentence in critical.evidence)
+    searched = critical_speeds(system, name, span)
+    found = [_rounded(c, ZERO * (span[1] - span[0])) for c in searched]
+    missing = [f"Not searched to its end: {sentence}." for sentence in searched.undecided]
     unit = system.parameter(name).unit
     if not found:
         note = f"No Hopf point and no fold for {name} from {span[0]:g} to {span[1]:g} {unit}".rstrip() + "."
-        return Report(system.name, notes=(note, *evidence))
+        return Report(system.name, notes=(note, *missing), data={"complete": searched.complete})
     first = found[0]
-    notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}."]
+    notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
     if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
         notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
     if found[-1].extremum == "maximum":
         notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
     progress("where rest and cycles coexist", None)
-    both = coexistence(system, found)
+    both = [] if time_is_over() else coexistence(system, found)
     for c in both:
         notes.append(
             f"Between {c.interval[0]:.6g} and {c.interval[1]:.6g} {unit}".rstrip()
             + " the equilibrium is stable and cycles exist: a disturbance larger than the unstable cycle starts them."
         )
     figures = _bars(found, system)
-    data: dict[str, Any] = {"evidence": list(critical.evidence)}
+    data: dict[str, Any] = {"complete": searched.complete, "evidence": list(searched.evidence)}
     data["critical"] = [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]
     data["coexistence"] = [{"interval": c.interval} for c in both]
     tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
-    return Report(f"{system.name}: critical values of {name}", tables, {}, figures, (*notes, *evidence), data)
+    return Report(f"{system.name}: critical values of {name}", tables, {}, figures, tuple(notes), data)
 
 
 def _rounded(c: Critical, size: float) -> Critical:
@@ -90,7 +91,7 @@ def _kind(c: Critical) -> str:
 
 def _values(system: System, found: list[Critical], unit: str) -> Table:
     """Return the critical values with what certifies them."""
-    columns = ["kind", label(found[0].parameter, unit), label("error from harmonics", unit)]
+    columns = ["kind", label(found[0].parameter, unit), label("error from harmonics, at most", unit)]
     columns += [
         "extremum",
         "omega [rad/s]",

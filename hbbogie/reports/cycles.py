@@ -1,4 +1,4 @@
-"""Reports: what a job found, as tables, branches and figures; and the default job of a problem."""
+"""Reports on cycles and branches, and the default job of a problem."""
 
 from __future__ import annotations
 
@@ -120,8 +120,11 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
     at = quantity(system, parameter, system.values[parameter])
     summaries = [{**o.summary(), "largest_multiplier": o.largest_multiplier} for o in cycles]
     evidence = cycles.evidence if isinstance(cycles, Cycles) else ()
-    data = {"parameters": dict(system.values), "cycles": summaries, "evidence": list(evidence)}
+    complete = cycles.complete if isinstance(cycles, Cycles) else True
+    data = {"parameters": dict(system.values), "cycles": summaries, "evidence": list(evidence), "complete": complete}
     notes = tuple(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence)
+    if not cycles and not complete:
+        return Report(system.name, notes=(f"No cycle found at {at}, and not all was searched.", *notes), data=data)
     if not cycles:
         text = (
             f"No cycle found at {at}: no branch from a Hopf point passes there, and motions from states of "

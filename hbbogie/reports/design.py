@@ -1,4 +1,4 @@
-"""A design as tables, figures and sentences, with the checks that the optimum has to pass."""
+"""A design as tables, figures and sentences, with the checks that the optimum must pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The job of simulating a motion: time history, figure, and what the motion settles on."""
+"""The job of simulating a motion: time history, figure, and the state to which the motion settles."""
 
 from __future__ import annotations
 

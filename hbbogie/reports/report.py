@@ -1,4 +1,4 @@
-"""Reports: what a job found, as tables, branches and figures."""
+"""Reports: the results of a job as tables, branches and figures."""
 
 from __future__ import annotations
 

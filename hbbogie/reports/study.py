@@ -1,4 +1,4 @@
-"""What a study found, as tables and figures, in a report or in one HTML file that needs no network."""
+"""The results of a study as tables and figures, in a report or in one HTML file that needs no network."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Results as plain data: orbits, trajectories, stability, special points, branches, charts.
 
-Everything here holds NumPy arrays, numbers and strings only. It pickles, saves to NetCDF and loads again without the
-system or the solver that made it.
+Everything here contains only NumPy arrays, numbers and strings. It can be pickled, saved to NetCDF and loaded again
+without the system or the solver that made it.
 """
 
 import lazy_loader

@@ -5,7 +5,7 @@ from .chart import Chart as Chart
 from .chart import ChartPoint as ChartPoint
 from .chart import CriticalCurve as CriticalCurve
 from .critical import Critical as Critical
-from .critical import CriticalValues as CriticalValues
+from .critical import Criticals as Criticals
 from .cycles import Cycles as Cycles
 from .ending import Ending as Ending
 from .equilibria import Equilibria as Equilibria
@@ -15,5 +15,6 @@ from .hysteresis import Hysteresis as Hysteresis
 from .hysteresis import Passage as Passage
 from .naming import Naming as Naming
 from .orbit import Orbit as Orbit
+from .sketch import Shape as Shape
 from .stability import Stability as Stability
 from .trajectory import Trajectory as Trajectory

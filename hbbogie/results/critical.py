@@ -37,7 +37,8 @@ class Critical:
         Of a fold: second derivative of the parameter along the branch in scaled arclength; positive at a minimum.
     status : str
     error : float, unit of the parameter
-        Of a fold: error from harmonics left out, measured or estimated as the status says; NaN where it is not known.
+        Of a fold: bound of the error from harmonics left out, found as the status says; infinite where none was found,
+        NaN where none was asked for.
     """
 
     kind: str
@@ -85,16 +86,27 @@ class Critical:
         return {n: slope * p[n] / self.value if self.value else float("nan") for n, slope in self.gradient.items()}
 
 
-class CriticalValues(list[Critical]):
+class Criticals(list[Critical]):
     """Critical values by growing value: a list with the evidence behind it.
 
     Parameters
     ----------
     values : iterable of Critical
     evidence : iterable of str
-        What was searched, the branches followed and why each ended, what was not followed, sentences.
+        What was searched: each branch, how far it was followed and why it ended, sentences.
+    undecided : iterable of str
+        What was not searched to its end, so that a critical value may be missing, sentences; empty where nothing was.
     """
 
-    def __init__(self, values: Iterable[Critical] = (), evidence: Iterable[str] = ()):
+    def __init__(self, values: Iterable[Critical] = (), evidence: Iterable[str] = (), undecided: Iterable[str] = ()):
         super().__init__(values)
-        self.evidence = tuple(evidence)
+        self.evidence, self.undecided = tuple(evidence), tuple(undecided)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every branch was followed to its end."""
+        return not self.undecided
+
+    def __repr__(self) -> str:
+        found = [f"{c.kind} at {c.parameter} = {c.value:.9g}, omega = {c.omega:.6g}: {c.status}" for c in self]
+        return "\n  ".join([f"{len(self)} critical value(s)", *found, *self.evidence])

@@ -17,11 +17,18 @@ class Cycles(list[Orbit]):
     orbits : iterable of Orbit
     evidence : sequence of str
         What was searched and found, what became of it, and what stayed undecided, sentences.
+    undecided : sequence of str
+        What a limit of time cut short, so that a cycle may be missing, sentences; empty where it cut nothing.
     """
 
-    def __init__(self, orbits: Iterable[Orbit] = (), evidence: Iterable[str] = ()):
+    def __init__(self, orbits: Iterable[Orbit] = (), evidence: Iterable[str] = (), undecided: Iterable[str] = ()):
         super().__init__(orbits)
-        self.evidence = tuple(evidence)
+        self.evidence, self.undecided = tuple(evidence), tuple(undecided)
+
+    @property
+    def complete(self) -> bool:
+        """Whether no limit of time cut the search short."""
+        return not self.undecided
 
     def rows(self) -> list[list[str]]:
         """Return the cycles as a table of text: the head, then period, frequency, peaks, verdict and error of each."""

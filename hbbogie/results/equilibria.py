@@ -68,11 +68,18 @@ class HopfPoints(list[SpecialPoint]):
     points : iterable of SpecialPoint
     evidence : tuple of str
         What was searched and what was not located, sentences.
+    undecided : tuple of str
+        What was not located, and what was not searched to its end, so that a Hopf point may be missing.
     """
 
-    def __init__(self, points: Iterable[SpecialPoint] = (), evidence: tuple[str, ...] = ()):
+    def __init__(
+        self,
+        points: Iterable[SpecialPoint] = (),
+        evidence: tuple[str, ...] = (),
+        undecided: tuple[str, ...] = (),
+    ):
         super().__init__(points)
-        self.evidence = evidence
+        self.evidence, self.undecided = evidence, undecided
 
     def __repr__(self) -> str:
         points = [f"{s.parameter} = {s.value:.9g}, omega = {s.omega:.6g}: {s.status}" for s in self]

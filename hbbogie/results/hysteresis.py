@@ -1,4 +1,4 @@
-"""Hysteresis: amplitudes while a parameter falls and rises slowly, and where oscillation dies out and starts."""
+"""Hysteresis: amplitudes while a parameter slowly falls and rises, and where oscillation dies out and starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results in NetCDF files: how orbits are laid out in a labelled dataset."""
+"""Results in NetCDF files: the layout of orbits in a labelled dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orbits and their stability, and how they are laid out in a labelled dataset."""
+"""Orbits and their stability, and their layout in a labelled dataset."""
 
 from __future__ import annotations
 

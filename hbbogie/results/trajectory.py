@@ -1,4 +1,4 @@
-"""Motions in time, and what is read off them: crossings, period, amplitude."""
+"""Motions in time, and quantities derived from them: crossings, period, amplitude."""
 
 from __future__ import annotations
 

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from hbbogie.deadline import time_is_over
 from hbbogie.results.ending import Ending
 from hbbogie.solving.curve import Curve, Linearised, Point
 from hbbogie.solving.newton import ROUND_OFF
+from hbbogie.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 ITERATIONS = 10
@@ -108,6 +110,7 @@ def advance(curve: Curve, point: Point, length: float) -> tuple[Point | None, in
     return correct(curve, start, curve.weights * point.tangent, CONTRACTION if length > CAREFUL else np.inf)
 
 
+@one_blas_thread()
 def walk(
     curve: Curve,
     first: Point,
@@ -116,6 +119,7 @@ def walk(
     longest: float = 0.1,
     shortest: float = 1e-5,
     most: int = 400,
+    stretch: Callable[[Array], float] | None = None,
     progress: Callable[[Point], None] | None = None,
 ) -> tuple[list[Point], Ending]:
     """Follow a curve from a point in the direction of its tangent.
@@ -130,6 +134,8 @@ def walk(
     step, longest : float
         First and longest step in scaled arclength. The first is lengthened if no shorter one succeeds, as from a
         special point that is not exactly where branches cross.
+    stretch : callable, optional
+        Gives how many times longer than ``longest`` a step may be at some unknowns.
     shortest : float
         Step at which the walk gives up.
     most : int
@@ -141,12 +147,16 @@ def walk(
     -------
     points : list of Point
     ending : Ending
-        Why the walk ends: an ending of the curve, or "closed", "stuck" or "points".
+        Why the walk ends: an ending of the curve, or "closed", "stuck", "points" or "limit".
     """
     points, length, least, before = [first], step, shortest, 0.0
     curve.settle(first.u)
     while len(points) < most:
         here = points[-1]
+        if time_is_over():
+            return points, Ending(
+                "limit", f"the time limit was reached at {curve.where(here.u)}", "raise limit to go on"
+            )
         there, iterations = advance(curve, here, length)
         if there is None or (refusal := _refusal(curve, here, there, length)):
             length /= 2
@@ -180,7 +190,8 @@ def walk(
         points.append(there)
         curve.settle(there.u)
         length = before if flips else length * (1.5 if iterations <= FEW else 0.6 if iterations >= MANY else 1.0)
-        length, least, before = min(length, longest), shortest, 0.0 if flips else before
+        length = min(length, longest * (stretch(there.u) if stretch else 1.0))
+        least, before = shortest, 0.0 if flips else before
     return points, Ending("points", f"the largest number of points, {most}, was reached")
 
 

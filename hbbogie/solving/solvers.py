@@ -99,8 +99,8 @@ def solve(
     Parameters
     ----------
     equations : Equations
-        From `HarmonicBalance(...).equations(system)` or another method. Those of `hbbogie.exact.Exact` are solved at
-        given parameter values only.
+        From `HarmonicBalance(...).equations(system)` or another method. Those of `hbbogie.exact.Exact` and
+        `hbbogie.Collocation` are solved at given parameter values only.
     guess : Orbit
         Where the search begins. Its parameter values are not used, except that of ``free``. If the equations conserve
         quantities, the cycle has the values of the guess.
@@ -152,7 +152,7 @@ def solve(
     if not isinstance(equations, Equations):
         if free is not None or amplitude is not None or minimise is not None or subject_to or method != "auto":
             raise ModelError(
-                "solve: equations in closed form are solved at given parameter values; leave free=, amplitude=, "
+                "solve: these equations are solved at given parameter values only; leave free=, amplitude=, "
                 "minimise=, subject_to= and method= out, or take HarmonicBalance(...).equations(system)."
             )
         return equations.solve(guess, **fixed)

@@ -197,12 +197,12 @@ def judge(
     doubt = ""
     if not error <= tolerance:
         doubt = (
-            f"no multiplier is closer to 1 than {error:.2g}, allowed is {tolerance:g}: the orbit is not "
-            "exact enough; take more harmonics or solve it more tightly"
+            f"the multiplier nearest to 1 is {error:.2g} away from it, allowed is {tolerance:g}: the orbit is not "
+            "accurate enough; take more harmonics or solve it to a smaller tolerance"
         )
         if np.sort(np.abs(values - 1))[:2].max() < 2 * abs(values[trivial] - 1):
-            doubt += " (two are equally near: where two meet at 1, in a conservative system or at a fold, "
-            doubt += "they carry the square root of the orbit's error)"
+            doubt += " (two are equally near: multipliers that meet at 1, in a conservative system or at a fold, "
+            doubt += "err by the square root of the orbit's error)"
     elif not liouville <= tolerance:
         doubt = (
             f"the determinant is off (Liouville): its logarithm is {log_det:.6g}, the integral of the trace "

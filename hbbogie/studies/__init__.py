@@ -1,8 +1,7 @@
-"""Studies: one job at many parameter points, on any executor, into a store that survives.
+"""Studies: one job at many parameter points, on any executor, with a store that survives a crash.
 
-`sweep` is the verb; `grid`, `latin_hypercube`, `sobol`, `random`, `saltelli`, `listed` and `from_csv` make the points.
-What comes back is a labelled dataset, which `export` writes and `exceedance`, `sobol_indices` and `prediction` look
-into.
+`sweep` runs a study. `grid`, `latin_hypercube`, `sobol`, `random`, `saltelli`, `listed` and `from_csv` make its points.
+The result is a labelled dataset, which `export` writes and `exceedance`, `sobol_indices` and `prediction` evaluate.
 """
 
 import lazy_loader

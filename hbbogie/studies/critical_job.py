@@ -7,21 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.branches.resolution import doubt_at_fold
-from hbbogie.critical.folds import Critical
-from hbbogie.critical.hopf_gradients import hopf_gradient
-from hbbogie.critical.lowest import all_folds, lowest_fold, warm_fold
+from hbbogie.critical.speeds import critical_speeds
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.exact.critical import nominal_design
 from hbbogie.exact.starting import cycle_of
-from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
 Outputs = dict[str, Any]
-SEARCHES = ("lowest", "all", "warm")
 METHODS = ("mhb", "exact")
 
 
@@ -31,7 +26,6 @@ def smallest_critical(
     interval: tuple[float, float] | None = None,
     harmonics: int = 15,
     gradients: bool = True,
-    search: str = "lowest",
     method: str = "mhb",
 ) -> Outputs:
     """Find the critical values of a parameter, with their gradients.
@@ -46,82 +40,57 @@ def smallest_critical(
         Highest harmonic.
     gradients : bool
         Whether the outputs hold ``dfold_d<name>`` and ``dhopf_d<name>`` for every parameter.
-    search : {"lowest", "all", "warm"}
-        "lowest" follows each branch from its Hopf point until it is back at the value there, "all" through the
-        whole interval, as `hbbogie.critical_speeds` does, which takes three times as long. Below the first Hopf
-        point, where the smallest critical value lies, both find the same folds; "lowest" keeps no others. "warm" begins
-        at the fold of the nearest point done before, if that is near, and takes half the time where few parameters
-        vary; it does not look for a second fold.
     method : {"mhb", "exact"}
-        "mhb" is harmonic balance. "exact" takes cycles in closed form, for systems that are linear between switchings:
-        the first Hopf point and the fold below it of the branch that begins there, from the fold of the parameters'
-        own values where that leads there. It has no use for ``harmonics`` and ``search``, and does not count ``hopfs``.
+        "mhb" is harmonic balance: the answer is that of `hbbogie.critical_speeds`. "exact" takes cycles in closed form,
+        for systems that are linear between switchings: the first Hopf point and the fold below it of the branch that
+        begins there, from the fold of the parameters' own values where that leads there; then the branch is not
+        followed, and a second fold may lie lower. It has no use for ``harmonics``, and does not count ``hopfs``.
 
     Returns
     -------
     dict
-        ``critical``, the smallest critical value, and its ``kind``; ``fold`` and ``hopf``, the smallest of each;
-        ``depth``, how far ``critical`` lies below ``hopf`` [%]; ``fold_omega``, ``hopf_omega`` [rad/s];
-        ``fold_<coordinate>``, the peak of each nonlinear coordinate at the fold; numbers of ``folds`` and ``hopfs``;
-        the gradients; and ``evidence``, what was searched for Hopf points. "No fold" is an answer; a branch that cannot
-        be followed is not.
+        ``critical``, the smallest critical value, and its ``kind``; ``fold``, the smallest below all Hopf points, with
+        ``fold_error``, a bound of what the harmonics left out change in it; ``hopf``, the smallest; ``depth``, how far
+        ``critical`` lies below ``hopf`` [%]; ``fold_omega``, ``hopf_omega`` [rad/s]; ``fold_<coordinate>``, the peak of
+        each nonlinear coordinate at the fold; numbers of ``folds`` below all Hopf points and of ``hopfs``;
+        ``complete``, 1 where every branch was followed to its end and 0 elsewhere; and the gradients. "No fold" with
+        the evidence is an answer; a branch that cannot be followed is not.
     """
-    if search not in SEARCHES:
-        raise ModelError(f"job critical: {unknown_name('search', search, SEARCHES)}")
     if method not in METHODS:
         raise ModelError(f"job critical: {unknown_name('method', method, METHODS)}")
     span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
     if method == "exact":
         return _exact(system, parameter, span, gradients)
-    points = hopf_points(system, parameter, span)
+    found = critical_speeds(system, parameter, span, harmonics=harmonics)
+    hopfs = [c for c in found if c.kind == "hopf"]
+    folds = [c for c in found if c.kind == "fold" and (not hopfs or c.value < hopfs[0].value)]
+    outputs: Outputs = {"kind": "", "folds": len(folds), "hopfs": len(hopfs), "complete": float(found.complete)}
+    first = (folds or hopfs)[:1]
     where = f"from {span[0]:g} to {span[1]:g}"
-    if not points:
-        return {
-            "kind": "",
-            "folds": 0,
-            "hopfs": 0,
-            "evidence": "; ".join(points.evidence),
-            "status": f"no Hopf point {where}, and no branch to look for a fold on",
-        }
-    equations = HarmonicBalance(harmonics).equations(system)
-    hopf = hopf_gradient(system, points[0])
-    if search == "all":
-        followed = [all_folds(equations, h, span) for h in points]
-    elif search == "warm" and len(points) == 1:
-        followed = [warm_fold(equations, points[0], span)]
-    else:
-        followed = [lowest_fold(equations, h, span, hopf.value) for h in points]
-    folds = [c for f in followed for c in f.folds]
-    if search != "all":
-        folds, where = [c for c in folds if c.value < hopf.value], f"from {span[0]:g} to the Hopf point"
-    first = min(folds, key=lambda c: c.value, default=None)
-    outputs: Outputs = {"kind": "hopf", "critical": hopf.value, "evidence": "; ".join(points.evidence)}
-    if first is not None and first.value < hopf.value:
-        outputs |= {"kind": "fold", "critical": first.value}
-    # a branch that got lost above the smallest critical value may still come down, but was not seen to
-    failed = any(not f.complete and (f is followed[0] or f.lowest < outputs["critical"]) for f in followed)
-    if hopf.value:
-        outputs["depth"] = 100 * (1 - outputs["critical"] / hopf.value)
-    outputs |= _point("hopf", hopf, gradients)
-    if first is not None:
-        outputs |= _point("fold", first, gradients)
-        outputs |= {f"fold_{c}": first.orbit.amplitude(c) for c in system.nonlinear_coordinates}
-    text = f"fold at {first.value:.6g}" if first is not None else f"no fold {where}"
-    if first is not None and not first.gradient:
-        text += ", without gradient"
-    if first is not None and (doubt := doubt_at_fold(system, first.orbit)):
-        text += f", {doubt}"
-    ends = [f"from the Hopf point at {h.value:.6g}: {f.end}" for h, f in zip(points, followed, strict=True)]
-    status = "; ".join([text, *ends])
-    return outputs | {"folds": len(folds), "hopfs": len(points), "status": status, "failed": failed}
-
-
-def _point(kind: str, c: Critical, gradients: bool) -> Outputs:
-    return _values(kind, c.value, c.omega, c.gradient if gradients else {})
+    said = [] if hopfs else [f"no Hopf point {where}"]
+    for c in first:
+        outputs |= {"kind": c.kind, "critical": c.value}
+    if hopfs:
+        where = f"from {span[0]:g} to the Hopf point"
+        outputs |= _values("hopf", hopfs[0].value, hopfs[0].omega, hopfs[0].gradient if gradients else {})
+        outputs |= _depth(first[0].value, hopfs[0].value)
+    for c in folds[:1]:
+        outputs |= _values("fold", c.value, c.omega, c.gradient if gradients else {}) | {"fold_error": c.error}
+        outputs |= {f"fold_{name}": c.orbit.amplitude(name) for name in system.nonlinear_coordinates}
+    said += [
+        f"fold at {c.value:.6g}{'' if c.gradient else ', without gradient'}{'' if c.resolved else ', not resolved'}"
+        for c in folds[:1]
+    ]
+    said += [f"no fold {where}"] * (not folds)
+    return outputs | {"status": "; ".join([*said, *found.evidence]), "failed": not found.complete}
 
 
 def _values(kind: str, value: float, omega: float, gradient: dict[str, float]) -> Outputs:
     return {kind: value, f"{kind}_omega": omega} | {f"d{kind}_d{name}": slope for name, slope in gradient.items()}
+
+
+def _depth(critical: float, hopf: float) -> Outputs:
+    return {"depth": 100 * (1 - critical / hopf)} if hopf else {}
 
 
 def _exact(system: System, parameter: str, span: tuple[float, float], gradients: bool) -> Outputs:
@@ -144,17 +113,15 @@ def _exact(system: System, parameter: str, span: tuple[float, float], gradients:
     if np.isnan(value):
         return {"kind": "", "folds": 0, "status": status, "failed": bool(found.failed[0])}
     if not found.failed[0]:
-        outputs = {
-            "kind": "fold" if fold else "hopf",
-            "critical": fold.value if fold else value,
-            "folds": int(bool(fold)),
-        }
-        outputs["depth"] = 100 * (1 - outputs["critical"] / value) if value else None
+        outputs = {"kind": "hopf", "critical": value, "folds": int(bool(fold))}
+        if fold is not None:
+            outputs |= {"kind": "fold", "critical": fold.value}
+        outputs |= _depth(outputs["critical"], value) | {"complete": float(found.complete[0])}
     outputs |= _values("hopf", value, float(hopf.omega[0]), named(hopf.gradient[0]))
     if fold is not None:
         low, high = (np.abs(side) for side in cycle_of(fold).extremes())
         peaks = dict(zip(system.coordinate_names, map(float, np.maximum(low, high)), strict=True))
-        outputs |= _values("fold", fold.value, fold.omega, named(fold.gradient))
+        outputs |= _values("fold", fold.value, fold.omega, named(fold.gradient)) | {"fold_error": 0.0}
         outputs |= {f"fold_{c}": peaks[c] for c in system.nonlinear_coordinates}
         status = f"fold at {fold.value:.6g}; {status}"
     return outputs | {"status": status, "failed": bool(found.failed[0])}

@@ -1,4 +1,4 @@
-"""What a parameter may be: distributions by name."""
+"""Distributions of parameters, by name."""
 
 from __future__ import annotations
 

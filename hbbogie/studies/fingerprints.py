@@ -1,4 +1,4 @@
-"""Fingerprints of what decides the results of a study: problem, job, options, versions."""
+"""Fingerprints of everything that determines the results of a study: problem, job, options, versions."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Jobs: what a study does at each point. A job takes a system and options and returns numbers and text by name.
 
-Besides outputs it may return ``status``, a sentence, and ``failed``, whether the question stays without an answer. A
-function of your own, at the top level of a file, is a job like these; its attribute ``units``, a dict by output, says
-in which units its outputs are.
+Besides outputs it may return ``status``, a sentence, and ``failed``, which tells whether no answer was found. A
+function of your own, at the top level of a file, is a job like these. Its attribute ``units``, a dict by output, gives
+the units of its outputs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Libraries that studies use and the rest of the package does not need."""
+"""Libraries that only studies need."""
 
 from __future__ import annotations
 

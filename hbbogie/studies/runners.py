@@ -1,4 +1,4 @@
-"""Where the points of a study are done: an executor of the user, a Dask cluster, a local pool, this process."""
+"""Where the points of a study run: on a user's executor, a Dask cluster, a local pool, or in this process."""
 
 from __future__ import annotations
 

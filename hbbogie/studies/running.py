@@ -1,4 +1,4 @@
-"""How a study runs: points to a runner, outcomes to the store, workers that die, Ctrl-C."""
+"""Running a study: points go to a runner, outcomes to the store; dying workers and Ctrl-C are handled."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Parameter points: grids, lists, Latin hypercubes, Sobol sequences, random and Saltelli samples.
 
-What a parameter may be is said by one value for each: a pair ``(low, high)`` is a uniform distribution, a frozen
-distribution of `scipy.stats` stands for itself, and a grid takes the values themselves.
+The range of each parameter is given by one value. A pair ``(low, high)`` means a uniform distribution, and a frozen
+distribution of `scipy.stats` means itself. A grid takes the values themselves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a study says: probabilities with their confidence, sensitivity indices, gradients against samples."""
+"""Statistics of a study: probabilities with confidence intervals, sensitivity indices, gradients against samples."""
 
 from __future__ import annotations
 

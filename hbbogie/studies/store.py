@@ -1,7 +1,8 @@
 """The store of a study: one SQLite file that survives whatever happens to the process that writes it.
 
 Every finished point is one transaction. In the write-ahead mode used here, a process that is killed leaves the file as
-the last transaction left it. One process writes: it holds a lock that the operating system takes back when it ends.
+the last transaction left it. Only one process writes. It holds a lock that the operating system releases when the
+process ends.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The points of a study file (TOML), checked, and the sentences for what is wrong in such a file."""
+"""The points of a study file (TOML), with checks and messages about errors in such a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb `sweep`: a job at many points, on any executor, into a store, with failures as rows."""
+"""The function `sweep`: a job at many points, on any executor, with a store, and with failures as rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is done at one point, in whatever process: the task, its outcome, the worker's side."""
+"""The work at one point, in any process: the task, its outcome, and the code that runs in a worker."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from hbbogie.model.system import System
 from hbbogie.parallel.processes import TimeLimit, limited, told_to_stop
 from hbbogie.studies.fingerprints import code_of, digest, options_text, problem_hash, source_of, versions
 from hbbogie.studies.jobs import JOBS, Outputs, job_function
+from hbbogie.threads import one_blas_thread
 
 RESERVED = ("point", "seconds", "worker", "finished")  # names of a study's own columns, with "status" and "failed"
 
@@ -195,6 +196,7 @@ def _unpacked(payload: bytes) -> Task:
     return task.current()
 
 
+@one_blas_thread()
 def run_point(payload: bytes | Task, point: int, values: Mapping[str, float], study: str = "") -> Outcome:
     """Do the job at one point; whatever goes wrong becomes an outcome.
 

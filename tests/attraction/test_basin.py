@@ -247,7 +247,7 @@ def test_command_with_wrong_input(tmp_path, args, message):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Ctrl-C cannot be sent to one process")
-def test_processes_that_start_do_not_hear_ctrl_c():
+def test_starting_processes_ignore_ctrl_c():
     """And it is not lost: the exception comes afterwards."""
     code = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
     begun = False

@@ -150,7 +150,7 @@ def test_hunting_of_the_bogie_dies_below_the_fold(bogie_runs):
     assert (np.diff(on_branch) < 0).all() and (on_branch > 0.01).all()
 
 
-def test_what_does_not_happen_is_nan(bautin):
+def test_dying_out_and_starting_that_do_not_happen_are_nan(bautin):
     runs = find_hysteresis(bautin.bautin(), "mu", (-0.24, 0.01), [1e-2])
     assert np.isnan(runs.falling[0].event) and "not died out" in runs.falling[0].status
     assert np.isnan(runs.rising[0].event) and "not started" in runs.rising[0].status

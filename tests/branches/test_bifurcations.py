@@ -275,7 +275,7 @@ class TestOnset:
         hopf = only(branch, "hopf")
         assert hopf.criticality == "subcritical" and "V falls" in hopf.status
 
-    def test_a_branch_of_one_point_says_nothing(self):
+    def test_a_branch_of_one_point_does_not_tell_the_onset(self):
         """Duffing's equation is conservative at d = 0: there is no Lyapunov coefficient, and no neighbour."""
         system = hb.load_problem("duffing").duffing()
         (hopf,) = hb.hopf_points(system, "d", (-0.5, 0.5))
@@ -382,7 +382,7 @@ class TestStartOnASpecialPoint:
 
 class TestFlatStretches:
     @pytest.mark.parametrize("power", [2, 4, 8])
-    def test_even_powers_turn_back_once(self, power):
+    def test_a_polynomial_of_even_powers_has_one_fold(self, power):
         """mu = (s - 1)^n: the smallest value, 0, at s = 1, with hardly a slope over many points."""
         system, start = on_a_circle(lambda s: (s - 1) ** power, 1.2, 0.2**power)
         branch = hb.trace(HarmonicBalance(3).equations(system), start, "mu", (-0.1, 0.1), step=0.01, longest=0.01)

@@ -104,7 +104,7 @@ class TestClosedForm:
         assert np.array(apart[1:]) / apart[:-1] == pytest.approx(2.0, rel=1e-3)
         assert not list(exact_crossings(walk, fold - 1e-8))
 
-    def test_what_bends_has_no_closed_form(self):
+    def test_a_smooth_system_has_no_closed_form(self):
         with pytest.raises(hb.ModelError, match="nothing that switches"):
             compare(hb.load_problem("bautin").bautin(), ("exact",), (-0.2,), interval=(-0.3, 0.2), truth="mhb5")
 
@@ -171,7 +171,7 @@ class TestYang:
         assert values["f23"] == pytest.approx(22e3, abs=2e3)
         assert values["Gab"] == pytest.approx(2.277e6, rel=2e-3)
 
-    def test_gravity_is_not_wanted_by_the_data(self):
+    def test_the_data_do_not_support_a_gravity_stiffness(self):
         """Its fitted share is nearer to 0 than to 1."""
         yang = hb.load_problem("yang1995")
         fitted = yang.identification(yang.bogie(gravity=True), SILENT, free=("f11", "f22", "f23", "kg"))

@@ -169,7 +169,7 @@ class TestFindCycles:
     def test_none_below_the_fold(self, bogie):
         assert hb.find_cycles(bogie, V=85.0) == []
 
-    def test_one_beyond_the_hopf_point(self, bogie):
+    def test_one_cycle_beyond_the_hopf_point(self, bogie):
         (cycle,) = hb.find_cycles(bogie, V=100.86)
         assert cycle.amplitude("q1") == pytest.approx(0.01116129, rel=3e-4)
         assert cycle.stability.verdict == "stable"
@@ -237,7 +237,7 @@ class TestFindCycles:
         with pytest.raises(ModelError, match="'auto'"):
             hb.find_cycles(bogie, harmonics="many", V=90.0)
 
-    def test_too_few_harmonics_are_said_to_be_too_few(self):
+    def test_too_few_harmonics_are_reported(self):
         """At mu = 20 five harmonics are a caricature with another period; the trivial multiplier tells, too."""
         system = hb.load_problem("van_der_pol").van_der_pol(mu=20.0)
         with pytest.raises(hb.ConvergenceError, match="do not resolve"):

@@ -223,7 +223,7 @@ time.sleep(1.5)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such timer")
-def test_an_interruption_that_is_lost_comes_again():
+def test_a_lost_interruption_is_raised_again():
     run = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, timeout=60)
     assert (run.returncode, run.stdout, run.stderr) == (0, "raised again 1\n", "")
 
@@ -245,3 +245,11 @@ def test_figures_are_left_out_or_of_the_form_asked_for(tmp_path):
         result = CliRunner().invoke(app, ["cycles", "van_der_pol", "--output", str(folder), *options])
         assert result.exit_code == 0, result.output
         assert {f.suffix for f in folder.iterdir()} == {".nc", ".csv"} | endings
+
+
+@pytest.mark.parametrize("command", ["cycles", "critical", "branch"])
+def test_a_limit_of_time_is_told(command, tmp_path):
+    where = ["--output", tmp_path / command]
+    result = call(command, "yang1995", "--limit", "1e-6", "--json", *where)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["data"]["complete"] is False and "time limit" in result.stdout

@@ -81,7 +81,7 @@ def test_interruption_says_how_to_resume(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
-def test_second_interruption_drops_what_hangs(tmp_path):
+def test_second_interruption_abandons_points_that_hang(tmp_path):
     path = write_study(tmp_path)
     path.write_text(STUDY.format(wait=0.0).replace(":product", ":hanging").replace("wait = 0.0", ""))
     run = process("hbbogie", "study", "run", path, "--workers", 2, cwd=tmp_path)
@@ -94,7 +94,7 @@ def test_second_interruption_drops_what_hangs(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
-def test_how_to_resume_repeats_what_was_given(tmp_path):
+def test_advice_on_resuming_repeats_the_given_options(tmp_path):
     path = write_study(tmp_path, wait=0.05)
     given = ["--store", "my store.db", "--workers", "0", "--limit", "5.0", "--output", "my report"]
     run = process("hbbogie", "study", "run", path, *given, cwd=tmp_path)
@@ -106,7 +106,7 @@ def test_how_to_resume_repeats_what_was_given(tmp_path):
 
 
 @pytest.mark.parametrize("workers", [0, 1])
-def test_a_job_that_prints_and_goes_elsewhere(tmp_path, workers):
+def test_a_job_that_prints_and_changes_its_directory(tmp_path, workers):
     """Standard output holds one JSON document, and files are where they were asked for."""
     path = write_study(tmp_path)
     (tmp_path / "elsewhere").mkdir()

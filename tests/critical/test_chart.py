@@ -254,7 +254,7 @@ class TestBogie:
         assert chart.special == () and chart.without_fold == ()
 
 
-def test_what_could_not_be_found_is_said():
+def test_what_could_not_be_found_is_reported():
     """Damping grows with V: the equilibrium is stable throughout."""
     x, V, k = hb.Coordinate("x"), hb.Parameter("V", 1.0, bounds=(0.1, 10.0)), hb.Parameter("k", 1.0, bounds=(0.1, 5.0))
     chart = hb.chart(hb.System("damped", [x], [V, k], [x.ddot + V * x.dot + k * x]), "V", "k", (0.5, 2.0))
@@ -296,7 +296,7 @@ def test_command(tmp_path):
     assert result.exit_code == 2
 
 
-def test_a_range_cut_to_the_bounds_is_said():
+def test_a_range_cut_to_the_bounds_is_reported():
     limited = hb.Parameter("a", 0.2, "", "", (0.0, 2.0))
     x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.0)
     rate = mu + limited * (x**2 + y**2) - (x**2 + y**2) ** 2

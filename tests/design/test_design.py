@@ -95,7 +95,7 @@ def test_a_published_constrained_minimum():
     assert "2" not in found.weights
 
 
-def test_contradicting_constraints_are_said():
+def test_contradicting_constraints_are_reported():
     def evaluate(w, near):
         slopes = {"f": np.array([1.0, 0.0]), "c": np.array([-1.0, -1.0])}
         return Sample({"f": float(w[0])}, {"c": float(2.5 - w.sum())}, slopes, None)
@@ -133,7 +133,7 @@ def test_fold_and_hopf_point_equally_low(start):
     assert one.converged and one.value == pytest.approx(found.value, rel=1e-6)
 
 
-def test_above_the_range_is_its_end():
+def test_a_critical_value_above_the_range_is_the_end_of_the_range():
     system = hb.load_problem("bautin").bautin(a=-1.0)
     found = hb.optimise(system, raise_="mu", over={"w0": (0.5, 2.0)}, interval=(-0.9, -0.1))
     assert (
@@ -141,7 +141,7 @@ def test_above_the_range_is_its_end():
     )
 
 
-def test_below_the_range_is_refused():
+def test_a_critical_value_below_the_range_is_refused():
     with pytest.raises(hb.ConvergenceError, match=r"unstable already at mu = 0\.1"):
         hb.optimise(hb.load_problem("bautin").bautin(), raise_="mu", over={"a": (0.5, 2.0)}, interval=(0.1, 0.9))
 
@@ -163,7 +163,7 @@ def test_least_change_for_a_required_value():
     assert limit.multiplier == pytest.approx(-200 * np.log(0.8 / 1.5) / 0.8 / 0.4, rel=1e-4)
 
 
-def test_an_objective_without_value_is_said():
+def test_an_objective_without_a_value_is_reported():
     """Below the fold there is no cycle, and none whose peak could be lowered."""
     system = hb.load_problem("bautin").bautin(a=1.0)
     with pytest.raises(hb.ConvergenceError, match=r"peak of x at -0\.5 has no value"):

@@ -104,7 +104,7 @@ class TestEquilibria:
         assert len(found) == 1 and values(found.special("fold")) == pytest.approx([1.0], abs=1e-10)
         assert any("angle" in sentence for sentence in found.evidence)
 
-    def test_bounds_are_respected_and_said(self):
+    def test_bounds_are_respected_and_reported(self):
         """Predator and prey: the predator dies out below K = 8 / 17; negative numbers of it have no meaning."""
         found = hb.find_equilibria(predator_prey(POSITIVE), "K", (0.2, 20.0))
         assert min(o.coefficients.min() for b in found for o in b.orbits) >= 0
@@ -149,7 +149,7 @@ def predator_prey(bounds=(-np.inf, np.inf)):
 class TestHopfPoints:
     """Each system with its own closed form, to 1e-9."""
 
-    def test_a_mode_that_turns_from_focus_to_node_is_none(self):
+    def test_a_mode_that_turns_from_focus_to_node_is_no_hopf_point(self):
         x, y, mu = C("x"), C("y"), P("mu", 1.0)
         passive = y.ddot + 0.2 * y.dot + 4 * y + 0.1 * x
         system = hb.System("s", [x, y], [mu], [x.ddot - mu * (1 - x**2) * x.dot + x, passive])
@@ -241,7 +241,7 @@ class TestHopfPoints:
         assert values(points) == pytest.approx([0.5 - width, 0.5 + width], abs=1e-9)
         assert "gains" in points[0].status and "loses" in points[1].status
 
-    def test_a_touch_is_named_and_no_point(self):
+    def test_eigenvalues_that_touch_the_axis_are_no_hopf_point(self):
         x, m = C("x"), P("m", 0.3)
         system = hb.System("s", [x], [m], [x.ddot + (m - 0.5) ** 2 * x.dot + x + x**3])
         points = hb.hopf_points(system, "m", (0.0, 1.03))
@@ -260,7 +260,7 @@ class TestHopfPoints:
         (point,) = hb.hopf_points(system, "p", (-(b**2), b**2))
         assert point.value == pytest.approx(0.0, abs=1e-12) and point.omega == pytest.approx(np.sqrt(b), rel=1e-9)
 
-    def test_two_real_eigenvalues_of_opposite_sign_are_none(self):
+    def test_two_real_eigenvalues_of_opposite_sign_are_no_hopf_point(self):
         """A saddle whose eigenvalues 1 and p - 1 add up to nothing at p = 0."""
         x, y, p = C("x"), C("y"), P("p", 0.1)
         system = hb.System("s", [x, y], [p], [x.dot - x + y**2, y.dot - (p - 1) * y])
@@ -272,13 +272,13 @@ class TestHopfPoints:
         points = hb.hopf_points(hb.System("s", [x], [p], [x.ddot - p * x + x**3 + 0.1 * x.dot**3]), "p", (-1.0, 1.0))
         assert values(points) == []
 
-    def test_eigenvalues_on_the_axis_are_said_once(self):
+    def test_eigenvalues_on_the_axis_are_reported_once(self):
         x, y, k = C("x"), C("y"), P("k", 1.0)
         for equations in ([x.dot + k * y, y.dot - x], [x.dot - x * (k - y), y.dot - y * (x - 1)]):
             points = hb.hopf_points(hb.System("s", [x, y], [k], equations), "k", (0.5, 2.0))
             assert points == [] and sum("imaginary axis" in sentence for sentence in points.evidence) == 1
 
-    def test_weak_damping_is_no_neutrality(self):
+    def test_weak_damping_is_not_called_neutral(self):
         """Twenty coupled oscillators damped by 1e-6: all eigenvalues left of the axis, by 5e-7."""
         x, p = [C(f"x{i}") for i in range(20)], P("p", 0.0)
         sides = [[*x[:i][-1:], *x[i + 1 :][:1]] for i in range(20)]
@@ -388,7 +388,7 @@ class TestNotSmooth:
         assert any("root of" in s and "equation 1" in s for s in points.evidence)
         np.testing.assert_allclose(system.state_matrix(np.zeros(2), system.vector()), [[1, -1], [1, 1]], atol=1e-9)
 
-    def test_a_root_at_rest_that_does(self):
+    def test_a_root_at_rest_with_an_infinite_slope(self):
         """The slope of sqrt(|x|) at zero is infinite: another equilibrium is found, x = k^2, and zero is named."""
         x, k = C("x"), P("k", 1.0)
         system = hb.System("s", [x], [k], [x.dot - (k * ca.sqrt(ca.fabs(x)) - x)])
@@ -427,7 +427,7 @@ class TestNotSmooth:
 
 
 class TestEigenvalues:
-    def test_slow_ones_beside_fast_ones(self):
+    def test_slow_eigenvalues_beside_fast_ones(self):
         """A block of size 1 with the eigenvalues -1 +- 2 i, coupled to rates of 1e13 that leave it nearly alone."""
         A = np.array([[-1.0, -2.0, 0.0], [2.0, -1.0, 0.0], [3e13, 0.0, -1e13]])
         found = eigenpairs(A)[0]

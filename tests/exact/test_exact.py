@@ -138,7 +138,7 @@ def test_bogie_at_90(bogie, cycles_at_90):
         assert size == pytest.approx(np.hypot(other[1::2], other[2::2]), abs=1e-11)
 
 
-def test_what_an_exact_cycle_answers(bogie, cycles_at_90):
+def test_quantities_of_an_exact_cycle(bogie, cycles_at_90):
     cycle = cycle_of(exact_cycle(bogie, cycles_at_90[-1], "V"))
     t = np.linspace(0, cycle.period, 4097)[:-1]
     q = cycle.q(t)

@@ -176,7 +176,7 @@ class TestSecondOrder:
             ]
             assert deficit[-1] == pytest.approx(4 / np.pi, rel=1e-4)
 
-    def test_what_the_series_leaves_out_is_within_its_bound(self, monkeypatch):
+    def test_the_remainder_of_the_series_is_within_its_bound(self, monkeypatch):
         exact = describing_function(LAWS["dead band"], AMPLITUDES, order=2)
         for n in (5, 21):
             monkeypatch.setattr(describing, "HIGHEST", n)
@@ -245,7 +245,7 @@ class TestOneHarmonicIsOrderOne:
     def test_polynomials(self, law):
         self._same(_sprung(law, lambda x: x + 0.3 * x.dot), (0,))
 
-    def test_terms_that_are_no_elements(self):
+    def test_nonlinear_terms_that_are_not_elements(self):
         self._same(hb.load_problem("van_der_pol").van_der_pol(), (0,))
 
     def test_sampled_dead_bands_tend_to_it(self, bogie):

@@ -279,7 +279,7 @@ def test_odd_harmonics_cannot_be_forced_on_a_system_that_is_not_odd():
         hb.HarmonicBalance(5, odd=True).equations(system.with_parameters(e=0.1))
 
 
-def test_a_spring_of_no_stiffness_is_not_there():
+def test_a_spring_without_stiffness_has_no_effect():
     """What is left is van der Pol's oscillator, whose period is known."""
     x, k = hb.Coordinate("x"), hb.Parameter("k", 0.0)
     limit = hb.Element("limit", hb.model.Saturation(k, 1.0), x)

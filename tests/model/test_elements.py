@@ -38,7 +38,7 @@ def test_saturation_without_stiffness_has_a_slope_in_it():
     assert float(slope(0.0)) == 2.5
 
 
-def test_tabulated_goes_through_its_points_and_on():
+def test_tabulated_passes_its_points_and_extends_beyond_them():
     law = hb.model.Tabulated((-1.0, 0.0, 2.0), (-3.0, 0.0, 1.0))
     np.testing.assert_allclose(_force(law, (-2, -1, 0, 1, 2, 4)), [-6, -3, 0, 0.5, 1, 2])
 

@@ -278,7 +278,7 @@ class TestWrongInput:
             (lambda x, c: ("", [x], [c], [x.ddot + c * x]), "name of a system: got ''"),
         ],
     )
-    def test_what_is_no_list_of_the_kind(self, x, c, arguments, said):
+    def test_arguments_that_are_not_lists_are_refused(self, x, c, arguments, said):
         with pytest.raises(ModelError, match=said):
             System(*arguments(x, c))
 
@@ -416,7 +416,7 @@ class TestWrongInput:
         with pytest.raises(ModelError, match="name of an element"):
             Element(name, hb.model.Cubic(1.0), x)
 
-    def test_the_class_of_a_law_is_no_law(self, x):
+    def test_the_class_of_a_law_is_refused_as_a_law(self, x):
         with pytest.raises(ModelError, match="the class DeadBand itself"):
             Element("e", hb.model.DeadBand, x)
 

@@ -253,7 +253,7 @@ def test_wrong_input_is_refused(yang: System, change: dict[str, object], message
         simulate(yang, initial, duration, **arguments)  # type: ignore[arg-type]
 
 
-def test_what_a_motion_does_not_hold_is_refused(yang: System) -> None:
+def test_quantities_that_a_motion_does_not_have_are_refused(yang: System) -> None:
     short = simulate(yang, {"q1": 0.01}, 0.05)
     with pytest.raises(ModelError, match="Simulate longer"):
         short.period("q1")

@@ -202,7 +202,7 @@ def test_an_unknown_verdict_is_that_of_the_polished_cycle():
     assert better.verdict == "stable" and "Judged on the cycle polished by shooting" in better.reason
 
 
-def test_of_mirror_images_one_is_shown():
+def test_only_one_of_two_mirror_images_is_shown():
     """The circuit without bias: symmetric branch, one asymmetric half from the pitchfork, doubled cycles if any."""
     module = load_problem("circuit")
     found = bifurcation_diagram(module.circuit(e=0.0), "v", (-0.6, -0.57), harmonics=15)

@@ -199,5 +199,5 @@ class TestEndings:
         assert hb.Branch.from_dataset(branch.to_dataset()).folds()[0].extremum == "minimum"
 
 
-def test_a_point_tells_its_largest_residual():
+def test_a_point_knows_its_largest_residual():
     assert Point(np.zeros(2), np.ones(2), np.array([1e-12, -3e-12])).error == 3e-12

@@ -57,7 +57,7 @@ def test_strongly_contracting_exponents_are_resolved(van_der_pol: System) -> Non
     assert error < 1.1 * result.health["determinant"] < 1e-3  # all but the trivial exponent make the determinant
 
 
-def test_bogie_agrees_with_the_judge() -> None:
+def test_hill_agrees_with_floquet_for_the_bogie() -> None:
     """Of kinked forces the harmonics fall off slowly; the copies tell the error within a small factor."""
     system = load_problem("yang1995").bogie()
     unstable, stable = find_cycles(system, V=90.0, stability=False)

@@ -211,7 +211,7 @@ class TestRelay:
                 assert found.multipliers == pytest.approx(expected, rel=1e-7)
             assert hb.verify(system, moved).orbit.omega == pytest.approx(np.sqrt(0.99), rel=1e-10)
 
-    def test_two_in_step_have_no_matrix(self):
+    def test_simultaneous_jumps_have_no_jump_matrix(self):
         """Two clocks that strike at the same time: which comes first makes a difference of first order."""
         x, y, z = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("zeta", 0.1)
         kicks = [hb.Element(f"kick {c.name}", hb.model.CoulombFriction(1.0), c.dot) for c in (x, y)]
@@ -383,7 +383,7 @@ class TestBelt:
         assert checked.multipliers[1] == pytest.approx(slope, rel=1e-5)
         assert hb.floquet(system, orbit).multipliers[1] == pytest.approx(slope, rel=1e-2)
 
-    def test_sticking_is_said(self):
+    def test_sticking_is_reported(self):
         """With more friction the mass sticks to the belt: nothing is claimed."""
         regular = belt(0.8, lambda f: hb.model.Friction(f, 0.05))
         settled = hb.motion.settle(regular, {"x": 1.0}, step=1e-2)

@@ -184,7 +184,7 @@ def test_contacts_at_the_same_time() -> None:
 
 
 @pytest.mark.parametrize(("name", "amplitude"), [("gap_oscillator", 3.0), ("duffing", 2.0)])
-def test_a_family_is_said_to_be_one(name, amplitude) -> None:
+def test_a_continuous_family_is_reported(name, amplitude) -> None:
     problem = hb.load_problem(name)
     system = problem.SYSTEM()
     omega = problem.backbone(2.0) if name == "duffing" else 2 * np.pi / problem.period(3.0)
@@ -227,7 +227,7 @@ def test_a_motion_that_shrinks_to_rest_is_no_cycle(bogie, cycles_at_90, van_der_
         verify(system, orbit)
 
 
-def test_a_hidden_kink_is_closed_in_on() -> None:
+def test_a_kink_that_is_not_an_element_refines_the_mesh() -> None:
     """A kink that is no element costs elements, not the answer."""
     import casadi as ca
 

@@ -163,7 +163,7 @@ def test_changes_are_refused(tmp_path):
 
 
 @unix
-def test_edited_files_reach_workers_that_live_on(tmp_path, monkeypatch):
+def test_edited_files_reach_workers_that_outlive_a_study(tmp_path, monkeypatch):
     """Job file, problem file and imported module are edited, to the same length; the pool of the user stays."""
     write_study(tmp_path)
     (tmp_path / "imported_job.py").write_text("def f(system):\n    return {'y': 3.0}\n")
@@ -235,7 +235,7 @@ def test_changed_arrays_among_the_options_are_refused(tmp_path):
             go(other)
 
 
-def test_fingerprints_see_what_text_leaves_out():
+def test_fingerprints_distinguish_arrays_that_print_alike():
     @dataclass(frozen=True)
     class Measured:
         values: object

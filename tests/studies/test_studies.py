@@ -19,6 +19,7 @@ from small_studies import process, write_study
 import hbbogie as hb
 from hbbogie import plot, studies
 from hbbogie.errors import ModelError
+from hbbogie.exact import at_grazing, follow
 from hbbogie.reports import report_of, write_html
 from hbbogie.reports.study import _most_correlated
 from hbbogie.studies import (
@@ -196,7 +197,7 @@ class TestSweep:
         assert here[names].equals(pool[names])
         assert len(set(pool["worker"].values)) <= 2 and pool["worker"].values[0] != here["worker"].values[0]
 
-    def test_a_point_that_kills_its_worker_is_a_row(self, folder):
+    def test_a_point_that_kills_its_worker_is_a_failed_row(self, folder):
         data = sweep(folder, "deadly", {"k": [1.0, 2.0, 3.0, 4.0, 5.0]}, workers=2)
         assert data["failed"].values.tolist() == [False, False, True, False, False]
         assert "the worker process died" in str(data["status"].values[2])
@@ -210,7 +211,7 @@ class TestSweep:
 
     @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such timer")
     @pytest.mark.parametrize("workers", [0, 2])
-    def test_a_job_that_hangs_is_a_row(self, folder, workers):
+    def test_a_job_that_hangs_is_a_failed_row(self, folder, workers):
         data = sweep(folder, "hanging", {"k": [1.0, 3.0, 4.0, 3.0, 5.0]}, workers=workers, limit=1.0)
         assert data["failed"].values.tolist() == [False, True, False, True, False]
         assert str(data["status"].values[1]) == "the time limit of 1 s for a point is over"
@@ -220,7 +221,7 @@ class TestSweep:
             sweep(folder, "hanging", {"k": [1.0]}, limit=-1)
 
     @pytest.mark.parametrize("workers", [0, 1])
-    def test_a_job_that_leaves_is_a_row(self, folder, workers):
+    def test_a_job_that_exits_is_a_failed_row(self, folder, workers):
         k = [1.0, 3.0] if workers == 0 else [1.0, 3.0, 4.0]  # in this process KeyboardInterrupt is Ctrl-C
         data = sweep(folder, "leaving", {"k": k}, workers=workers)
         assert data["failed"].values.tolist() == [False, True, True][: len(k)]
@@ -238,7 +239,7 @@ class TestSweep:
             *[(n, 1.0, "which NetCDF cannot hold") for n in ("peak/left", "", ".", "a\nb", "\udcff")],
         ],
     )
-    def test_outputs_that_are_none_are_refused_at_once(self, folder, tmp_path, name, value, message):
+    def test_invalid_outputs_are_refused_at_once(self, folder, tmp_path, name, value, message):
         options = {"name": name, "value": value}
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, "named", {"k": [1.0]}, options=options, store=tmp_path / "s.db")
@@ -260,12 +261,12 @@ class TestSweep:
             sweep(folder, job, {"k": [1.0]}, options=options)
 
     def test_options_of_a_shipped_job_are_checked_at_the_nominal_point(self, tmp_path):
-        with pytest.raises(hb.ModelError, match=r"unknown search 'wrm'. Did you mean 'warm'"):
-            options, store = {"search": "wrm"}, tmp_path / "s.db"
+        with pytest.raises(hb.ModelError, match=r"unknown method 'exct'. Did you mean 'exact'"):
+            options, store = {"method": "exct"}, tmp_path / "s.db"
             hb.sweep("critical", {"a": [1.0]}, problem="bautin", options=options, store=store, workers=0)
         assert not (tmp_path / "s.db").exists()
 
-    def test_script_without_the_usual_line_is_told(self, folder, tmp_path):
+    def test_script_without_a_main_guard_is_refused(self, folder, tmp_path):
         """Workers import the script; one that sweeps again when it is imported would never end."""
         call = (
             f"hb.sweep({str(folder / 'jobs.py') + ':product'!r}, {{'k': [1.0]}}, problem={str(folder / 'spring.py')!r})"
@@ -334,7 +335,7 @@ except hb.ModelError as error:
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, "product", points, **keywords)
 
-    def test_an_executor_that_takes_nothing_any_more(self, folder):
+    def test_an_executor_that_was_shut_down(self, folder):
         finished, broken = cf.ThreadPoolExecutor(1), cf.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
         finished.shutdown()
         with pytest.raises(cf.BrokenExecutor):
@@ -427,32 +428,18 @@ def _ishigami(system):
 
 
 class TestCritical:
-    def test_random_bogies_against_the_longer_way(self, bogie):
-        """SOLVER: two ways along the branch, by amplitude and by arclength, and one fold."""
+    def test_random_bogies_against_the_exact_branch(self, bogie):
+        """Two methods and two walks along the whole branch; the error of the fold is a bound."""
         names = [n for n in bogie.values if n != "V"]
-        points = studies.latin_hypercube(studies.around(bogie, 0.2, names), 4, seed=8)
+        points = studies.latin_hypercube(studies.around(bogie, 0.3, names), 4, seed=8)
         for i in range(4):
             system = bogie.with_parameters(**points.point(i))
-            short = smallest_critical(system, interval=(40.0, 160.0))
-            long = hb.critical_speeds(system, "V", (40.0, 160.0), harmonics=15)
-            assert not short["failed"] and short["critical"] == pytest.approx(long[0].value, rel=1e-9)
-            assert short["kind"] == long[0].kind
-            for name in ("lam", "K2", "f22"):
-                assert short[f"d{short['kind']}_d{name}"] == pytest.approx(long[0].gradient[name], rel=1e-6)
-
-    def test_warm_starts_change_nothing_in_any_order(self):
-        """SOLVER: over conicity and yaw stiffness, forward, backward and cold."""
-        points = studies.grid({"lam": [0.046, 0.05, 0.054], "K2": [9e6, 10e6]})
-        backward = studies.Points(points.names, points.values[::-1], "list")
-        found = {}
-        for name, search, where in (("cold", "lowest", points), ("warm", "warm", points), ("back", "warm", backward)):
-            options = {"interval": [60.0, 130.0], "search": search}
-            found[name] = hb.sweep("critical", where, problem="yang1995", options=options, workers=0)
-        assert sum("neighbour" in s for s in found["warm"]["status"].values) >= 4
-        for name in ("fold", "fold_omega", "dfold_dlam", "dfold_dK2"):
-            for other in (found["warm"][name].values, found["back"][name].values[::-1]):
-                np.testing.assert_allclose(other, found["cold"][name].values, rtol=1e-6)
-        np.testing.assert_allclose(found["warm"]["fold"].values, found["cold"]["fold"].values, rtol=1e-9)
+            row = smallest_critical(system, interval=(30.0, 160.0))
+            (first, *_) = hb.hopf_points(system, "V", (30.0, 160.0))
+            walk = follow(at_grazing(system, first), (30.0, 160.0))
+            lowest = min([first.value, *(point.value for point in walk.marked("fold"))])
+            assert not row["failed"] and row["complete"] == 1
+            assert abs(row["critical"] - lowest) <= row.get("fold_error", 1e-9 * lowest)
 
     def test_cycles_in_closed_form_give_the_same_rows(self, bogie):
         """Two independent methods; the rows of one are those of the other but for the harmonics left out."""
@@ -557,13 +544,13 @@ class TestReport:
         for link in ("http://", "https://", 'src="/', "<script", "<link"):
             assert link not in text
 
-    def test_infinite_values_are_told(self, folder):
+    def test_infinite_values_are_reported(self, folder):
         data = sweep(folder, "named", {"k": [1.0, 2.0]}, options={"name": "y", "value": float("inf")})
         report = report_of(data, "Infinite")
         assert "y: 2 infinite values, left out here." in report.tables[1].notes
         json.dumps(report.as_dict(), allow_nan=False)
 
-    def test_a_figure_that_cannot_be_drawn_costs_nothing_else(self, data, tmp_path):
+    def test_a_figure_that_cannot_be_drawn_leaves_the_rest_of_the_report(self, data, tmp_path):
         figures = [
             {"kind": "scatter", "x": "a", "y": "kind"},  # text
             {"kind": "map", "x": "a", "y": "a", "output": "fold"},  # all on a line

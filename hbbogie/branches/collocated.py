@@ -1,0 +1,147 @@
+"""Branches of collocated cycles as plain data, and their folds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hbbogie import fourier
+from hbbogie.branches.criticality import onset
+from hbbogie.branches.first_cycle import first_cycle
+from hbbogie.collocation.method import CollocationEquations
+from hbbogie.collocation.rates import Rates
+from hbbogie.collocation.special import Special, judged
+from hbbogie.collocation.starting import from_orbit
+from hbbogie.collocation.walk import Followed, follow
+from hbbogie.errors import ModelError
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import check_interval
+from hbbogie.model.system import System
+from hbbogie.results.branch import Branch, SpecialPoint
+from hbbogie.results.critical import Critical
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.orbit import Orbit
+
+NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle
+NEAR = 0.05  # share of a fold's value, or of 1, over which it is looked for
+
+
+def followed_from(
+    equations: CollocationEquations,
+    start: Orbit | SpecialPoint,
+    parameter: str,
+    interval: tuple[float, float],
+    *,
+    step: float = 0.05,
+    longest: float = 0.5,
+    max_points: int = 400,
+    progress: Callable[[float], None] | None = None,
+) -> Followed:
+    """Follow the branch of cycles from an orbit or a special point; parameters and errors as of `trace`."""
+    system = equations.system
+    lo, hi = check_interval(system, parameter, interval)
+    special = start if isinstance(start, SpecialPoint) else None
+    from_hopf = special is not None and special.kind == "hopf"
+    if special is not None and from_hopf:
+        origin = first_cycle(HarmonicBalance(1).equations(system), special)
+    else:
+        origin = (start.onward or start.orbit) if isinstance(start, SpecialPoint) else start
+    value = origin.parameters.get(parameter, system.values[parameter])
+    if not lo <= value <= hi:
+        raise ModelError(
+            f"trace: the start has {parameter} = {value:g}, outside the interval ({lo:g}, {hi:g}); widen it."
+        )
+    guess = from_orbit(system, origin.replace(parameters={**system.values, parameter: value}))
+    chosen = equations.collocation
+    options = {"step": step, "longest": longest, "most": max_points, "progress": progress}
+    return follow(
+        guess,
+        Rates(system, parameter),
+        (lo, hi),
+        grows=from_hopf,
+        degree=chosen.degree,
+        tolerance=chosen.tolerance,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def collocated_trace(
+    equations: CollocationEquations,
+    start: Orbit | SpecialPoint,
+    parameter: str,
+    interval: tuple[float, float],
+    steps: tuple[float, float, int],
+    stability: bool,
+    progress: Callable[[float], None] | None,
+) -> Branch:
+    """Follow a branch and return it as plain data; ``steps`` are the first, the longest, and their largest number."""
+    step, longest, most = steps
+    followed = followed_from(
+        equations, start, parameter, interval, step=step, longest=longest, max_points=most, progress=progress
+    )
+    return branch_of(followed, equations.system, start, stability=stability)
+
+
+def branch_of(followed: Followed, system: System, start: Orbit | SpecialPoint, *, stability: bool = True) -> Branch:
+    """Return a branch as orbits, the special points among them.
+
+    Parameters
+    ----------
+    followed : Followed
+    system : System
+    start : Orbit or SpecialPoint
+        Where it began; a Hopf point is the first of the special points.
+    stability : bool
+        Whether the orbits have their multipliers, and special points other than folds are looked for.
+    """
+    points = list(followed.points())
+    parameter = points[0][0].parameter
+    orbits = [judged(curve, point).orbit() for curve, point in points]
+    if not stability:
+        orbits = [orbit.replace(stability=None) for orbit in orbits]
+    found = followed.special() if stability else followed.special(("fold",))
+    met = [_special(s, system, parameter) for s in found]
+    for s, special in reversed(list(zip(found, met, strict=True))):
+        orbits.insert(s.place + 1, special.orbit)
+    if isinstance(start, SpecialPoint) and start.kind == "hopf":
+        at = system.with_parameters(**{parameter: start.value})
+        met.insert(0, onset(start, at, followed.values.tolist()) if stability else start)
+    return Branch(tuple(orbits), parameter, tuple(met), followed.ends)
+
+
+def _special(found: Special, system: System, parameter: str) -> SpecialPoint:
+    orbit, kind, status = found.cycle.orbit(), found.kind, found.status
+    if kind == "branch point" and system.odd and fourier.is_odd(orbit.coefficients, NEARLY_ODD):
+        kind, status = "pitchfork", status.replace("another branch crosses", "the symmetry breaks")
+    interval = found.value - found.error, found.value + found.error
+    return SpecialPoint(kind, parameter, found.value, interval, orbit, status, extremum=found.extremum)
+
+
+def collocated_fold(equations: CollocationEquations, guess: Orbit | SpecialPoint, parameter: str) -> Critical:
+    """Return the fold nearest to a guess, with its gradient by the adjoint; parameters and errors as of `fold`."""
+    system = equations.system
+    orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess
+    value = orbit.parameters.get(parameter, system.values[parameter])
+    low, high = system.parameter(parameter).bounds
+    reach = NEAR * max(abs(value), 1.0)
+    followed = followed_from(equations, orbit, parameter, (max(value - reach, low), min(value + reach, high)))
+    folds = followed.special(("fold",))
+    if not folds:
+        raise ConvergenceError(
+            f"no fold found within {reach:g} of {parameter} = {value:g} ({equations.method}); locate it first with "
+            "trace, and start from branch.folds().",
+            orbit,
+        )
+    found = min(folds, key=lambda s: abs(s.value - value))
+    cycle = found.cycle
+    return Critical(
+        kind="fold",
+        parameter=parameter,
+        value=found.value,
+        extremum=found.extremum,
+        omega=cycle.omega,
+        gradient=found.gradient,
+        orbit=cycle.orbit(),
+        residual=cycle.residual,
+        curvature=found.curvature,
+        status=f"{found.extremum} of {parameter} over the cycles near by, {found.status}; {cycle.status}",
+    )

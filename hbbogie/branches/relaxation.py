@@ -1,0 +1,48 @@
+"""Cycles that harmonics do not resolve, such as those of relaxation, by collocation: the census's last resort."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.solving import Guess, collocated
+from hbbogie.collocation.starting import Sampled, from_motion
+from hbbogie.model.system import System
+from hbbogie.results.failure import FAILURES
+
+Array = NDArray[np.float64]
+LIKE = 0.03  # distance of frequency, means and extremes, relative to the ranges, up to which a motion is on a cycle
+
+
+def settled(system: System, x: Array, *, backwards: bool = False) -> Sampled | None:
+    """Return the last period of the motion from a state; None where it does not repeat itself in some thousand steps.
+
+    Parameters
+    ----------
+    system : System
+    x : ndarray, shape (n_states,)
+    backwards : bool
+        Whether the motion, and the state, are those backwards in time.
+    """
+    try:
+        met = from_motion(system.backwards() if backwards else system, x)
+    except FAILURES:
+        return None
+    return met.backwards(system) if backwards else met
+
+
+def solved(system: System, guess: Guess) -> CollocatedCycle | None:
+    """Return the cycle that collocation leads to from a guess; None where there is none."""
+    try:
+        return collocated(system, guess)
+    except FAILURES:
+        return None
+
+
+def on_one_of(motion: Sampled, marks: list[Array]) -> bool:
+    """Tell whether a motion is on one of some cycles, by their frequencies, means and extremes."""
+    mark = motion.mark()
+    _, low, high = mark[1:].reshape(3, -1)
+    width = np.tile(np.maximum(high - low, 1e-6 * float((high - low).max())), 3)
+    return any(abs(mark[0] / k[0] - 1) < LIKE and (np.abs(mark - k)[1:] < LIKE * width).all() for k in marks)

@@ -1,0 +1,144 @@
+"""The curve of collocated cycles over a parameter on one mesh, as `hbbogie.solving.arclength` follows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.collocation.equations import Linearised, OnMesh
+from hbbogie.collocation.multipliers import Spectrum, spectrum_of
+from hbbogie.model.system import System
+from hbbogie.results.ending import Ending
+from hbbogie.solving.curve import Point
+
+Array = NDArray[np.float64]
+VANISHED = 1e-3  # amplitude, relative to the largest of the branch, at which a cycle counts as an equilibrium
+NEAR = 1e-2  # distance from an equilibrium, relative to the range, at which a motion is near it
+RESTING = 0.9  # share of the period spent there by a motion that approaches a homoclinic one
+NEWTON = 50
+
+
+class OnMeshCurve:
+    """Cycles over a parameter on one mesh, see `hbbogie.solving.curve.Curve`.
+
+    Parameters
+    ----------
+    equations : OnMesh
+        With a parameter.
+    interval : (float, float), unit of the parameter
+    longest : float, s
+        Period at which the curve ends.
+    largest : ndarray, shape (n_states,)
+        Ranges of the largest cycle of the branch.
+    tolerance : float
+    """
+
+    def __init__(
+        self, equations: OnMesh, interval: tuple[float, float], longest: float, largest: Array, tolerance: float
+    ):
+        self.equations, self.interval, self.longest, self.largest = equations, interval, longest, largest
+        self.scale, self.weights, self.tolerance = equations.scale, equations.weights, tolerance
+        last = len(self.scale) - 1
+        self.window = {last: interval, last - 1: (-np.inf, float(np.log(longest)))}
+        self._last: tuple[Array, Linearised] | None = None
+        self._spectra: dict[int, tuple[Array, Spectrum]] = {}
+
+    @property
+    def parameter(self) -> str:
+        """Name of the parameter."""
+        assert self.equations.rates.parameter is not None
+        return self.equations.rates.parameter
+
+    def linearise(self, u: Array) -> Linearised:
+        """Return the equations and their derivative."""
+        line = self.equations.linearise(u)
+        self._last = u, line
+        return line
+
+    def settle(self, u: Array) -> None:
+        """Take the phase from the last point, and its multipliers from the last factorisation."""
+        if self._last is not None and self._last[0] is u and self._last[1].reduced is not None:
+            self._spectra[id(u)] = u, spectrum_of(self._last[1])
+        self.equations = self.equations.at_phase(u)
+
+    def deviation(self, u: Array) -> Array:
+        """Return the stages less their means, scaled, with the roots of their weights, shape (N, m, n)."""
+        e = self.equations
+        stages = e.unpack(u)[0][:, 1:] / e.size
+        mean = np.einsum("ij,ijn->n", e.measure, stages)
+        return np.asarray((stages - mean) * np.sqrt(e.measure)[..., None])
+
+    def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
+        """Return why the branch ends before a point: the cycle shrinks to an equilibrium."""
+        here, beyond = self.deviation(points[-1].u), self.deviation(there.u)
+        ranges = np.ptp(self.equations.unpack(there.u)[0], axis=(0, 1))
+        if (here * beyond).sum() <= 0 or (ranges <= VANISHED * self.largest).all():
+            return Ending("vanishes", f"the cycle shrinks to an equilibrium at {self.where(points[-1].u)}")
+        return None
+
+    def at(self, index: int, value: float) -> Ending:
+        """Return the ending at a limit of the parameter or of the period."""
+        if index == len(self.scale) - 1:
+            return Ending("interval", f"the end of the interval was reached, {self.parameter} = {value:.6g}")
+        return Ending("period", f"the period has grown to {np.exp(value):.4g} s")
+
+    def where(self, u: Array) -> str:
+        """Return the parameter's value, for people."""
+        return f"{self.parameter} = {u[-1]:.10g}"
+
+    def line(self, point: Point) -> Linearised:
+        """Return the equations at a point, solved once, bordered by the tangent."""
+        line = self.equations.at_phase(point.u).linearise(point.u)
+        line.solve(self.weights * point.tangent, np.append(np.zeros(len(point.u) - 1), 1.0))
+        return line
+
+    def spectrum(self, point: Point) -> Spectrum:
+        """Return the multipliers at a point."""
+        if id(point.u) not in self._spectra:
+            self._spectra[id(point.u)] = point.u, spectrum_of(self.line(point))
+        return self._spectra[id(point.u)][1]
+
+    def value(self, kind: str, point: Point) -> float:
+        """Return a test function of a point, which changes its sign where something happens.
+
+        Parameters
+        ----------
+        kind : {"fold", "branch point", "period doubling", "Neimark-Sacker"}
+        point : Point
+        """
+        if kind == "fold":
+            return float(point.tangent[-1])
+        spectrum = self.spectrum(point)
+        if kind == "branch point":
+            # that of the walk may belong to the tangent turned
+            return abs(spectrum.singular) * point.orientation
+        values = spectrum.others
+        with np.errstate(invalid="ignore", over="ignore"):
+            factors = values if kind == "period doubling" else np.array([a * b for a, b in combinations(values, 2)])
+            off = factors + 1 if kind == "period doubling" else factors - 1
+            product = np.prod(off / np.maximum(1.0, np.abs(factors)))
+        return float(np.nan_to_num(product.real, nan=1.0)) if len(factors) else 1.0
+
+
+def homoclinic(system: System, equations: OnMesh, u: Array) -> str:
+    """Return the equilibrium near which a cycle of long period rests, for people; nothing where there is none."""
+    values = equations.unpack(u)[0]
+    p = equations.parameters(u)
+    f = np.abs(equations.rates(values[:, 0], p)[0] / equations.size).max(axis=1)
+    x = values[np.argmin(f), 0]
+    try:
+        for _ in range(NEWTON):
+            step = np.linalg.solve(system.state_matrix(x, p), system.ode(x, p).full().ravel())
+            x = x - step
+            if np.abs(step / equations.size).max() < 1e-12:
+                break
+    except np.linalg.LinAlgError:
+        return ""
+    far = np.abs((values[:, 1:] - x) / equations.size).max(axis=2)
+    share = float(equations.measure[far <= NEAR].sum())
+    if not share >= RESTING:
+        return ""
+    return ", ".join(f"{name} = {v:.6g}" for name, v in zip(system.coordinate_names, x, strict=False))

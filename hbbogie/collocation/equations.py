@@ -1,0 +1,217 @@
+"""The equations of a cycle on a mesh: collocation, closing and phase, linearised and solved by elimination."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.brief import brief
+from hbbogie.collocation.elimination import Reduced, reduced
+from hbbogie.collocation.mesh import Gauss, evaluated, gauss, points_of
+from hbbogie.collocation.rates import Rates
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OnMesh:
+    """The equations of a cycle on one mesh, in unknowns u: stages, states, log T, parameter (eq-collocation).
+
+    Attributes
+    ----------
+    rates : Rates
+    mesh : ndarray, shape (N + 1,)
+        From 0 to 1.
+    m : int
+        Degree.
+    size : ndarray, shape (n_states,)
+        Size of each state.
+    width : float, unit of the parameter
+        What counts as much as one unit of a scaled state.
+    p : ndarray, shape (number of parameters,)
+        Values of the others.
+    reference : ndarray, shape (N, m + 1, n_states)
+        A cycle near by, whose phase is taken.
+    """
+
+    rates: Rates
+    mesh: Array
+    m: int
+    size: Array
+    width: float
+    p: Array
+    reference: Array
+
+    __repr__ = brief
+
+    @property
+    def N(self) -> int:
+        """Number of intervals."""
+        return len(self.mesh) - 1
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.size)
+
+    @property
+    def gauss(self) -> Gauss:
+        """Points and weights."""
+        return gauss(self.m)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Size of each unknown."""
+        return np.concatenate([np.tile(self.size, self.N * (self.m + 1)), [1.0, self.width]])
+
+    @cached_property
+    def measure(self) -> Array:
+        """Weights of the stages in integrals over the period, shape (N, m)."""
+        return np.asarray(np.diff(self.mesh)[:, None] * self.gauss.b)
+
+    @cached_property
+    def weights(self) -> Array:
+        """Weights of the unknowns in the inner product: an integral over the period, T and the parameter."""
+        stages = np.repeat(self.measure, self.n)
+        return np.concatenate([stages, np.zeros(self.N * self.n), [1.0, 1.0]])
+
+    @cached_property
+    def _phase(self) -> tuple[Array, Array]:
+        """The row of the phase, shape (N, m, n), and the scaled stages of the reference."""
+        slope = self.reference - self.reference[:, :1]
+        rate = np.einsum("jk,ikn->ijn", self.gauss.basis(self.gauss.c, 1), slope) / np.diff(self.mesh)[:, None, None]
+        row = self.measure[..., None] * rate / self.size
+        norm = float(np.sqrt((row * rate / self.size).sum()))
+        return row / norm, self.reference[:, 1:] / self.size
+
+    def pack(self, values: Array, T: float, parameter: float) -> Array:
+        """Return the unknowns of values at the beginnings and Gauss points, shape (N, m + 1, n_states)."""
+        return np.concatenate([values[:, 1:].ravel(), values[:, 0].ravel(), [np.log(T), parameter]])
+
+    def unpack(self, u: Array) -> tuple[Array, float, float]:
+        """Return values, shape (N, m + 1, n_states), period [s] and parameter of unknowns."""
+        k = self.N * self.m * self.n
+        stages, states = u[:k].reshape(self.N, self.m, self.n), u[k:-2].reshape(self.N, 1, self.n)
+        return np.concatenate([states, stages], axis=1), float(np.exp(u[-2])), float(u[-1])
+
+    def parameters(self, u: Array) -> Array:
+        """Return all parameters at unknowns."""
+        p = self.p.copy()
+        if self.rates.place is not None:
+            p[self.rates.place] = u[-1]
+        return p
+
+    def moved(self, mesh: Array, m: int, u: Array) -> tuple[OnMesh, Array]:
+        """Return the equations on another mesh or of another degree, and the unknowns carried over to it."""
+        values, T, parameter = self.unpack(u)
+        values = evaluated(self.mesh, values, points_of(mesh, m))
+        there = replace(self, mesh=mesh, m=m, reference=values)
+        return there, there.pack(values, T, parameter)
+
+    def at_phase(self, u: Array) -> OnMesh:
+        """Return the equations with the phase taken from unknowns."""
+        return replace(self, reference=self.unpack(u)[0])
+
+    def linearise(self, u: Array) -> Linearised:
+        """Return the equations and their derivative at unknowns."""
+        g = self.gauss
+        values, T, _ = self.unpack(u)
+        stages, states = values[:, 1:], values[:, 0]
+        f, A, slope = self.rates(stages.reshape(-1, self.n), self.parameters(u))
+        shape, h = stages.shape, np.diff(self.mesh)[:, None, None] * T
+        f = h * (f / self.size).reshape(shape)
+        slope = h * (slope * (self.width / self.size)).reshape(shape)
+        A = h[..., None] * (A * self.size / self.size[:, None]).reshape(*shape, self.n)
+        ahead = g.a @ f
+        x, X = states / self.size, stages / self.size
+        row, reference = self._phase
+        residual = [
+            (X - x[:, None] - ahead).ravel(),
+            (np.roll(x, -1, axis=0) - g.begin * x - np.einsum("j,ijn->in", g.d, X)).ravel(),
+            [float((row * (X - reference)).sum())],
+        ]
+        return Linearised(self, np.concatenate(residual), A, ahead, g.a @ slope, row)
+
+
+@dataclass(eq=False)
+class Linearised:
+    """The equations at a point, see `hbbogie.solving.curve.Linearised`.
+
+    Attributes
+    ----------
+    equations : OnMesh
+    residual : ndarray, shape (N (m + 1) n_states + 1,)
+        Scaled.
+    A : ndarray, shape (N, m, n_states, n_states)
+        Derivative of the rates at the stages, scaled, times the length of the interval.
+    ahead, slope : ndarray, shape (N, m, n_states)
+        Integrals of the rates and of their derivative in the parameter from the beginning to each stage.
+    phase : ndarray, shape (N, m, n_states)
+        The row of the phase.
+    """
+
+    equations: OnMesh
+    residual: Array
+    A: Array
+    ahead: Array
+    slope: Array
+    phase: Array
+    reduced: Reduced | None = None
+    transitions: Array | None = None
+
+    __repr__ = brief
+
+    @property
+    def stages(self) -> Array:
+        """Derivative of the equations of the stages in the stages, shape (N, m n, m n)."""
+        e = self.equations
+        S = e.gauss.a[None, :, None, :, None] * -self.A.swapaxes(1, 2)[:, None]
+        S = S.reshape(e.N, e.m * e.n, e.m * e.n)
+        k = np.arange(e.m * e.n)
+        S[:, k, k] += 1
+        return S
+
+    def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
+        """Solve the equations bordered by one more row, see `hbbogie.solving.curve.Linearised`."""
+        e, g = self.equations, self.equations.gauss
+        N, m, n, k = e.N, e.m, e.n, e.N * e.m * e.n
+        columns = np.empty((N, m, n, n + 3))
+        columns[..., :n] = np.eye(n)
+        columns[..., n], columns[..., n + 1] = self.ahead, self.slope
+        columns[..., n + 2] = right[:k].reshape(N, m, n)
+        response = np.linalg.solve(self.stages, columns.reshape(N, m * n, n + 3)).reshape(N, m, n, n + 3)
+        end = np.einsum("j,ijnc->inc", g.d, response)
+        self.transitions = end[..., :n] + g.begin * np.eye(n)
+        G = -end[..., n:]
+        G[..., 2] = right[k:-2].reshape(N, n) - G[..., 2]
+        rows = np.stack([self.phase, plane[:k].reshape(N, m, n)])
+        border = np.einsum("bijn,ijnc->bic", rows, response)
+        corner = border[..., n:].sum(axis=1)
+        corner[1, :2] += plane[-2:]
+        corner[:, 2] = right[-2:] - corner[:, 2]
+        border = border[..., :n]
+        border[1] += plane[k:-2].reshape(N, n)
+        eye = np.broadcast_to(np.eye(n), (N, n, n))
+        self.reduced = reduced(-self.transitions, eye, G, border, corner)
+        states, rest = self.reduced.solve()
+        stages = (response[..., :n] @ states[:, None, :, None])[..., 0] + response[..., n:] @ np.append(rest, 1.0)
+        return np.concatenate([stages.ravel(), states.ravel(), rest]), self.reduced.sign
+
+    def adjoint(self, plane: Array) -> Array:
+        """Return the factors of the stages' equations in the combination of all that is zero but for the parameter.
+
+        They belong to the solution last computed with this bordering row.
+
+        Returns
+        -------
+        ndarray, shape (N, m, n_states)
+        """
+        assert self.reduced is not None
+        e = self.equations
+        states, border = self.reduced.adjoint()
+        right = e.gauss.d[:, None] * states[:, None] - border[0] * self.phase
+        right -= border[1] * plane[: right.size].reshape(right.shape)
+        return np.linalg.solve(self.stages.swapaxes(1, 2), right.reshape(e.N, -1, 1)).reshape(right.shape)

@@ -1,0 +1,113 @@
+"""Floquet multipliers of a collocated cycle: those of the last pencil, tiny ones by Liouville's formula."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eig
+
+from hbbogie.brief import brief
+from hbbogie.collocation.equations import Linearised
+from hbbogie.results.orbit import Stability
+from hbbogie.stability.multipliers import sides
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+TRUSTED = 1e-2  # largest error of the trivial multiplier, and estimated error of the others
+ROUND_OFF = 1e-9  # multiplier below which another way is taken
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The multipliers of a cycle.
+
+    Attributes
+    ----------
+    values : ndarray of complex, shape (n_states,)
+        Largest modulus first.
+    vectors : ndarray of complex, shape (n_states, n_states)
+        Scaled disturbances at the beginning of the period that belong to them, by columns.
+    divergence : float
+        Integral of the trace of the state matrix over the period, the sum of their logarithms.
+    singular : float
+        Smallest singular value of the bordered equations with the sign of their determinant, which changes where
+        branches cross.
+    """
+
+    values: Complex
+    vectors: Complex
+    divergence: float
+    singular: float
+
+    __repr__ = brief
+
+    @property
+    def trivial(self) -> int:
+        """Place of the trivial multiplier."""
+        return int(np.argmin(np.abs(self.values - 1)))
+
+    @property
+    def others(self) -> Complex:
+        """All but the trivial one."""
+        return np.delete(self.values, self.trivial)
+
+
+def spectrum_of(line: Linearised) -> Spectrum:
+    """Return the multipliers by the QZ algorithm for C x + D y = 0, x the beginning of the period and y its end.
+
+    Parameters
+    ----------
+    line : Linearised
+        At a solution, solved once.
+    """
+    last = line.reduced
+    assert last is not None
+    alpha, vectors = eig(-last.C, last.D, homogeneous_eigvals=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.where(alpha[1] == 0, np.inf, alpha[0] / alpha[1])
+    order = np.argsort(-np.abs(values), kind="stable")
+    divergence = float(np.einsum("j,ijkk->", line.equations.gauss.b, line.A))
+    return Spectrum(values[order].astype(complex), vectors[:, order], divergence, last.singular)
+
+
+def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array) -> Stability:
+    """Return the multipliers of a cycle and the verdict.
+
+    Parameters
+    ----------
+    spectrum, finer : Spectrum
+        Of the cycle, and of the next degree, which tells the error.
+    size : ndarray, shape (n_states,)
+        Of the states.
+    """
+    values, others, trivial = spectrum.values.copy(), spectrum.others, spectrum.trivial
+    error = float(abs(values[trivial] - 1))
+    with np.errstate(invalid="ignore"):  # infinite ones
+        change = np.abs(np.abs(others) - np.abs(finer.others)) / np.maximum(1.0, np.abs(others))
+    margin = max(error, float(np.nan_to_num(change, nan=np.inf).max(initial=0.0)))
+    told, tiny = "", np.flatnonzero(np.abs(values) < ROUND_OFF)
+    if len(tiny) == 1:
+        rest = np.delete(values, [tiny[0], trivial])
+        logarithm = spectrum.divergence - float(np.log(np.abs(rest)).sum())
+        turns = np.count_nonzero((rest.imag == 0) & (rest.real < 0))  # their product is positive
+        values[tiny[0]] = (-1) ** turns * np.exp(logarithm)
+        told = f"; the smallest by Liouville's formula, its logarithm is {logarithm:.12g}"
+    elif len(tiny):
+        told = f"; of the {len(tiny)} below {ROUND_OFF:g} only the smallness is meant"
+    doubt = ""
+    if not error <= TRUSTED:
+        doubt = f"no multiplier is closer to 1 than {error:.2g}, allowed is {TRUSTED:g}; take more intervals"
+        if len(values) > 1 and np.sort(np.abs(values - 1))[1] < 2 * error:
+            doubt += " (two are equally near: where two meet at 1, as at a fold, they carry the root of the error)"
+    elif not margin <= TRUSTED:
+        doubt = f"the multipliers change by {margin:.2g} of their size with the next degree; take more intervals"
+    verdict, outside, reason = sides(values, trivial, margin, doubt)
+    reason += f"; error of the trivial multiplier {error:.2g}, estimated error of all {margin:.2g}{told}."
+    first = next((i for i in range(len(values)) if i != trivial), None)
+    if first is None:
+        return Stability(verdict, values, error, outside, reason)
+    mode = spectrum.vectors[:, first] * size
+    mode = np.asarray(mode / mode[np.argmax(np.abs(mode))], dtype=complex)
+    return Stability(verdict, values, error, outside, reason, None, complex(values[first]), mode)

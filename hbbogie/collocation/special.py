@@ -1,0 +1,137 @@
+"""Special points of branches of collocated cycles: located by test functions, folds with their gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.brief import brief
+from hbbogie.collocation.adaption import lifted
+from hbbogie.collocation.curve import OnMeshCurve
+from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.multipliers import spectrum_of
+from hbbogie.collocation.solving import errors_of, finished
+from hbbogie.solving.arclength import distance, located
+from hbbogie.solving.curve import Point
+
+Array = NDArray[np.float64]
+LOCATED = 1e-2  # share to which a test function has fallen where it is located, else it jumps
+KINDS = ("fold", "branch point", "period doubling", "Neimark-Sacker")
+
+
+@dataclass(frozen=True, eq=False)
+class Special:
+    """A point of a branch at which something happens.
+
+    Attributes
+    ----------
+    kind : {"fold", "branch point", "period doubling", "Neimark-Sacker"}
+    curve : OnMeshCurve
+    point : Point
+    value, error : float, unit of the parameter
+    extremum : {"minimum", "maximum", ""}
+    status : str
+    curvature : float
+        Of a fold: second derivative of the parameter along the branch in scaled arclength, by the points beside it.
+    place : int
+        Of the last point before it, among those it was looked for.
+    """
+
+    kind: str
+    curve: OnMeshCurve
+    point: Point
+    value: float
+    error: float
+    extremum: str
+    status: str
+    curvature: float = float("nan")
+    place: int = 0
+
+    __repr__ = brief
+
+    @property
+    def cycle(self) -> CollocatedCycle:
+        """The cycle at the point."""
+        return judged(self.curve, self.point)
+
+    @property
+    def gradient(self) -> dict[str, float]:
+        """Of a fold: derivatives of its value in all other parameters, by their names (eq-fold-gradient)."""
+        return fold_gradient(self.curve, self.point)
+
+
+def judged(curve: OnMeshCurve, point: Point) -> CollocatedCycle:
+    """Return the cycle of a point with its error estimates and stability."""
+    errors, finer = errors_of(curve.equations, point.u, lifted(curve.equations, point.tangent))
+    return finished(curve.equations, point.u, point.error, errors, (curve.spectrum(point), spectrum_of(finer)))
+
+
+def special_between(curve: OnMeshCurve, points: list[Point], kinds: tuple[str, ...]) -> Iterator[Special]:
+    """Locate what happens between successive points of a curve, in their order."""
+    found = []
+    for kind in kinds:
+        values = [curve.value(kind, point) for point in points]
+        for (a, b), (x, y) in zip(pairwise(points), pairwise(values), strict=True):
+            if x * y < 0 and (special := _located(curve, kind, a, b, min(abs(x), abs(y)))) is not None:
+                place = next(i for i, point in enumerate(points) if point is a)
+                found.append((place, distance(curve, a, special.point), replace(special, place=place)))
+    yield from (special for *_, special in sorted(found, key=lambda f: f[:2]))
+
+
+def turning(found: list[Special], values: Array, noise: float) -> list[Special]:
+    """Return the special points without folds between which the parameter varies by no more than its error."""
+    while folds := [s for s in found if s.kind == "fold"]:
+        ends = [values[0], *(s.value for s in folds), values[-1]]
+        rises = np.abs(np.diff(np.array(ends, dtype=float)))
+        i = int(np.argmin(rises))
+        if rises[i] > noise:
+            break
+        false = [id(s) for s in folds[max(i - 1, 0) : i + 1]]
+        found = [s for s in found if id(s) not in false]
+    return found
+
+
+def _located(curve: OnMeshCurve, kind: str, a: Point, b: Point, size: float) -> Special | None:
+    """Return the special point between two others; None where the test function jumps."""
+    met = located(curve, a, b, lambda point: curve.value(kind, point))
+    if met is None:
+        return None
+    point, error = met
+    left = abs(curve.value(kind, point))
+    if left > max(LOCATED * size, 1e-7):
+        return None
+    value, extremum, curvature = float(point.u[-1]), "", float("nan")
+    reach = error * abs(float(point.tangent[-1])) * curve.equations.width + 1e-12 * abs(value)
+    if kind == "fold":
+        extremum = "minimum" if a.tangent[-1] < 0 else "maximum"
+        curvature = float(b.tangent[-1] - a.tangent[-1]) / distance(curve, a, b) * curve.equations.width
+        named = "smallest" if extremum == "minimum" else "largest"
+        status = f"{named} value of {curve.parameter} along the branch; slope {left:.1e} where located"
+    elif kind == "Neimark-Sacker":
+        values = curve.spectrum(point).others
+        pair = values[np.argsort(np.abs(np.abs(values) - 1))[:2]]
+        if np.abs(pair.imag).min() < 1e-6:
+            return None  # two real multipliers with product 1: nothing changes
+        status = f"a torus begins; multipliers {abs(pair[0]):.8f} exp(+-{abs(np.angle(pair[0])):.6f} i) where located"
+    elif kind == "period doubling":
+        values = curve.spectrum(point).others
+        nearest = values[np.argmin(np.abs(values + 1))].real
+        status = f"a cycle of twice the period begins; multiplier {nearest:.8f} where located"
+    else:
+        status = f"another branch crosses; smallest singular value {left:.1e} where located"
+    return Special(kind, curve, point, value, reach, extremum, status, curvature)
+
+
+def fold_gradient(curve: OnMeshCurve, point: Point) -> dict[str, float]:
+    """Return the derivatives of a fold's value in all other parameters, by the adjoint."""
+    e, line = curve.equations, curve.line(point)
+    factors = line.adjoint(curve.weights * point.tangent)
+    values, T, _ = e.unpack(point.u)
+    weights = np.einsum("ijn,jk->ikn", factors, e.gauss.a) * (np.diff(e.mesh) * T)[:, None, None] * e.width / e.size
+    slopes = e.rates.sensitivity(values[:, 1:].reshape(-1, e.n), e.parameters(point.u), weights.reshape(-1, e.n))
+    names = e.rates.system.parameter_names
+    return {name: float(s) for name, s in zip(names, slopes, strict=True) if name != e.rates.parameter}

@@ -1,0 +1,256 @@
+"""Branches of collocated cycles: walks on one mesh at a time, which is adapted every few points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie.brief import brief
+from hbbogie.collocation.adaption import adapted_to, curve_at, error_at, refined
+from hbbogie.collocation.curve import OnMeshCurve, homoclinic
+from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.rates import Rates
+from hbbogie.collocation.solving import FIRST, MOST, Guess, on_mesh
+from hbbogie.collocation.special import KINDS, Special, judged, special_between, turning
+from hbbogie.results.ending import Ending
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.arclength import correct, gap, located, walk
+from hbbogie.solving.curve import Point
+
+Array = NDArray[np.float64]
+FEW = 5  # points between two adaptions of the mesh
+SLACK = 10.0  # by which the error may exceed the tolerance between two adaptions
+COARSEST = 1e3  # error of a first point that is round-off, as of a small cycle about a large mean, and not a wrong one
+GROWN = 1e4  # period, relative to that of the start, at which a branch ends
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Successive points on one mesh."""
+
+    curve: OnMeshCurve
+    points: list[Point]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A branch of collocated cycles.
+
+    Attributes
+    ----------
+    stretches : list of Stretch
+        In the order of the branch; the last point of one is the first of the next, on another mesh.
+    ends : (Ending, Ending)
+    tolerance : float
+        Error of period, states and parameter that was asked for.
+    """
+
+    stretches: list[Stretch]
+    ends: tuple[Ending, Ending]
+    tolerance: float
+
+    __repr__ = brief
+
+    def points(self) -> Iterator[tuple[OnMeshCurve, Point]]:
+        """Yield the points in order, each once."""
+        for k, stretch in enumerate(self.stretches):
+            yield from ((stretch.curve, point) for point in stretch.points[k > 0 :])
+
+    @property
+    def values(self) -> Array:
+        """Values of the parameter, shape (points,)."""
+        return np.array([point.u[-1] for _, point in self.points()])
+
+    @property
+    def periods(self) -> Array:
+        """Periods, shape (points,), s."""
+        return np.exp([point.u[-2] for _, point in self.points()])
+
+    def special(self, kinds: tuple[str, ...] = KINDS) -> list[Special]:
+        """Locate what happens between the points, in the order of the branch."""
+        found: list[Special] = []
+        first = 0
+        for stretch in self.stretches:
+            found += [replace(s, place=first + s.place) for s in special_between(stretch.curve, stretch.points, kinds)]
+            first += len(stretch.points) - 1
+        width = self.stretches[0].curve.equations.width
+        return turning(found, self.values, SLACK * self.tolerance * width)
+
+    def crossings(self, value: float) -> Iterator[tuple[int, CollocatedCycle]]:
+        """Yield the cycles at a value of the parameter, each with the number of folds before it."""
+        folds = self.special(("fold",))
+        first = part = 0
+        for stretch in self.stretches:
+            for k, (a, b) in enumerate(pairwise(stretch.points), first):
+                inside = [fold.point for fold in folds if fold.place == k]
+                for i, (here, there) in enumerate(pairwise([a, *inside, b])):
+                    part += i > 0
+                    low, high = sorted((here.u[-1], there.u[-1]))
+                    if low <= value < high and (met := located(stretch.curve, here, there, partial(_off, value))):
+                        yield part, judged(stretch.curve, met[0])
+            first += len(stretch.points) - 1
+
+
+def follow(
+    guess: Guess,
+    rates: Rates,
+    interval: tuple[float, float],
+    *,
+    grows: bool = False,
+    degree: int = 4,
+    tolerance: float = 1e-9,
+    step: float = 0.05,
+    longest: float = 0.5,
+    most: int = 400,
+    progress: Callable[[float], None] | None = None,
+) -> Followed:
+    """Follow a branch of cycles over a parameter in both directions.
+
+    Parameters
+    ----------
+    guess : Guess
+        Near the branch.
+    rates : Rates
+        With the parameter.
+    interval : (float, float), unit of the parameter
+    grows : bool
+        Whether the branch begins at the guess, a small cycle, and is followed only towards larger ones; the parameter
+        is then free from the first.
+    degree : int
+    tolerance : float
+        Estimated error of the period, and of the states where intervals begin, at which the mesh is kept.
+    step, longest : float
+        First and longest step in scaled arclength.
+    most : int
+        Largest number of points.
+    progress : callable, optional
+        Called with the value of the parameter.
+
+    Raises
+    ------
+    ConvergenceError
+        When no cycle is found near the guess.
+    ModelError
+        When the system is not smooth, or conserves a quantity.
+    """
+    curve, first = _first(guess, rates, interval, degree, tolerance, grows)
+    options = {"step": step, "longest": longest, "most": most, "progress": progress}
+    ahead, end = _walk(curve, first, tolerance, **options)  # type: ignore[arg-type]
+    if grows:
+        return Followed(ahead, (Ending("began", "began here, with a small cycle"), end), tolerance)
+    if end.kind == "closed":
+        return Followed(ahead, (end, end), tolerance)
+    back, beginning = _walk(curve, first.turned(), tolerance, **options)  # type: ignore[arg-type]
+    turned = [Stretch(s.curve, [p.turned() for p in s.points[::-1]]) for s in back[::-1]]
+    return Followed([*turned, *ahead], (beginning, end), tolerance)
+
+
+def _first(
+    guess: Guess, rates: Rates, interval: tuple[float, float], degree: int, tolerance: float, grows: bool
+) -> tuple[OnMeshCurve, Point]:
+    """Return the first point, with as many intervals as the tolerance takes."""
+    N, width = FIRST, (interval[1] - interval[0]) / 4
+    while N <= MOST:
+        equations, u = on_mesh(rates, guess.on(N, degree), width)
+        curve = curve_at(equations, u, interval, np.inf, equations.size)
+        # at the value of the parameter, or, as beside a fold and a Hopf point, at the size of the guess
+        fixed, sized = np.zeros(len(u)), np.zeros(len(u))
+        fixed[-1] = 1.0
+        deviation = curve.deviation(u) * np.sqrt(equations.measure)[..., None]
+        sized[: deviation.size] = deviation.ravel()
+        tried = (correct(curve, u, plane)[0] for plane in ((sized,) if grows else (fixed, sized)))
+        found = next((point for point in tried if point is not None), None)
+        there = None if found is None else refined(curve, found, tolerance)
+        if there is not None and error_at(*there) <= COARSEST * tolerance:
+            curve, point = there
+            longest = GROWN * float(np.exp(point.u[-2]))
+            return curve_at(curve.equations, point.u, interval, longest, curve.largest), point
+        N *= 2
+    raise ConvergenceError(
+        f"system {rates.system.name!r}: no cycle was found near the guess with up to {MOST} intervals of degree "
+        f"{degree}."
+    )
+
+
+def _walk(
+    curve: OnMeshCurve,
+    first: Point,
+    tolerance: float,
+    *,
+    step: float,
+    longest: float,
+    most: int,
+    progress: Callable[[float], None] | None,
+) -> tuple[list[Stretch], Ending]:
+    """Follow a branch in one direction, in stretches of a few points."""
+    stretches: list[Stretch] = []
+    start, length, count = _signature(curve, first), step, 0
+    second: Array | None = None
+
+    def say(point: Point) -> None:
+        if progress:
+            progress(float(point.u[-1]))
+
+    while True:
+        points, end = walk(curve, first, step=length, longest=longest, most=FEW + 1, progress=say)
+        if end.kind == "stuck" and len(points) == 1 and (finer := adapted_to(curve, first, 2 * curve.equations.N)):
+            curve, first = finer
+            points, end = walk(curve, first, step=length, longest=longest, most=FEW + 1, progress=say)
+        while len(points) > 2 and error_at(curve, points[-1]) > SLACK * tolerance:  # the mesh is no longer right
+            points, end = points[: len(points) // 2 + 1], Ending("points")
+        stretches.append(Stretch(curve, points))
+        count += len(points) - 1
+        if end.kind not in ("points", "stuck") or len(points) == 1:
+            return stretches, _said(curve, points[-1], end)
+        marks = [_signature(curve, point) for point in points]
+        second = marks[1] if second is None else second
+        if count > 10 and _closes(start, second, marks, curve.largest):
+            return stretches, Ending("closed", "the branch closes on itself")
+        if count >= most:
+            return stretches, Ending("points", f"the largest number of points, {most}, was reached")
+        length = min(gap(curve, points[-2], points[-1]), longest)
+        there = refined(curve, points[-1], tolerance)
+        if there is None:
+            what = f"no further point was found beyond {curve.where(points[-1].u)}: the mesh could not be adapted"
+            return stretches, _said(curve, points[-1], Ending("stuck", what))
+        curve, first = there
+
+
+def _off(value: float, point: Point) -> float:
+    return float(point.u[-1]) - value
+
+
+def _said(curve: OnMeshCurve, point: Point, end: Ending) -> Ending:
+    """Return an ending, that of a homoclinic approach where it is one."""
+    system, T = curve.equations.rates.system, float(np.exp(point.u[-2]))
+    if end.kind not in ("period", "stuck") or 10 * curve.longest / GROWN > T:
+        return end
+    rest = homoclinic(system, curve.equations, point.u)
+    if not rest:
+        return end
+    what = f"homoclinic approach near {curve.where(point.u)}, at the equilibrium {rest}; the period is {T:.4g} s"
+    return Ending("homoclinic", what, "" if end.kind == "period" else end.what)
+
+
+def _signature(curve: OnMeshCurve, point: Point) -> Array:
+    """Return what tells cycles apart: scaled parameter, log T, smallest and largest values, shape (2 + 2 n_states,)."""
+    values = curve.equations.unpack(point.u)[0]
+    ends = [values.min(axis=(0, 1)), values.max(axis=(0, 1))]
+    return np.concatenate([[point.u[-1] / curve.equations.width, point.u[-2]], *ends])
+
+
+def _closes(start: Array, second: Array, marks: list[Array], largest: Array) -> bool:
+    """Tell whether a branch comes back to its start, in the same direction."""
+    size = np.concatenate([[1.0, 1.0], largest, largest])
+    start, second, marks = start / size, second / size, [mark / size for mark in marks]
+    return any(
+        np.linalg.norm(start - there) < np.linalg.norm(here - there) and (there - here) @ (second - start) > 0
+        for here, there in pairwise(marks)
+    )

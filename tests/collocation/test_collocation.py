@@ -1,0 +1,215 @@
+"""Cycles by collocation against periods known from independent integration, and the algebra against dense solves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from known_cycles import radial
+from smooth_systems import brusselator, fitzhugh_nagumo, hodgkin_huxley, oregonator, roessler
+
+import hbbogie as hb
+from hbbogie import Collocation, ConvergenceError, ModelError, load_problem
+from hbbogie.collocation import (
+    CollocatedCycle,
+    Rates,
+    collocated,
+    evaluated,
+    from_motion,
+    from_orbit,
+    gauss,
+    on_mesh,
+    points_of,
+    reduced,
+)
+
+TOLERANCE = 1e-9
+
+
+def van_der_pol(mu: float) -> hb.System:
+    return load_problem("van_der_pol").van_der_pol(mu=mu)
+
+
+CASES = {  # by DOP853 or Radau at a relative tolerance of 1e-11, half a unit of the last digit
+    "van der Pol, mu = 1": (lambda: van_der_pol(1.0), [2.0, 0.0], 6.66328685932313, 1e-13),
+    "van der Pol, mu = 10": (lambda: van_der_pol(10.0), [2.0, 0.0], 19.0783695669390, 1e-12),
+    "van der Pol, mu = 50": (lambda: van_der_pol(50.0), [2.0, 0.0], 82.50833389, 5e-9),
+    "van der Pol, mu = 100": (lambda: van_der_pol(100.0), [2.0, 0.0], 162.83707109, 5e-9),
+    "van der Pol, mu = 1000": (lambda: van_der_pol(1000.0), [2.0, 0.0], 1614.401126, 5e-7),
+    "Brusselator, a = 0.2": (lambda: brusselator(a=0.2), [1.0, 1.0], 403.05185634, 5e-9),
+    "FitzHugh-Nagumo": (lambda: fitzhugh_nagumo(), [1.0, 1.0], 39.474415, 5e-7),
+    "FitzHugh-Nagumo, eps = 0.01": (lambda: fitzhugh_nagumo(eps=0.01), [1.0, 1.0], 226.647987, 5e-7),
+    "Oregonator": (oregonator, [0.1, 0.1], 4.810392990, 5e-10),
+    "Hodgkin-Huxley": (hodgkin_huxley, [50.0, 0.1, 0.5, 0.4], 15.597767353, 5e-10),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_period(name):
+    """PUBLISHED digits, or ten times the tolerance where there are more of them."""
+    build, state, period, half_a_unit = CASES[name]
+    system = build()
+    cycle = collocated(system, from_motion(system, state), tolerance=TOLERANCE)
+    assert cycle.period == pytest.approx(period, abs=max(half_a_unit, 10 * TOLERANCE * period))
+    assert cycle.period_error <= TOLERANCE
+    assert cycle.stability.verdict == "stable"
+
+
+def test_tiny_multiplier_by_liouville():
+    """Its logarithm at mu = 10 is -311.844219286."""
+    system = van_der_pol(10.0)
+    cycle = collocated(system, from_motion(system, [2.0, 0.0]), tolerance=1e-10)
+    smallest = np.abs(cycle.stability.multipliers).min()
+    assert np.log(smallest) == pytest.approx(-311.844219286, abs=5e-9)
+
+
+def test_multiplier_known_in_closed_form():
+    """The radial normal form: omega 1, multiplier exp(-4 pi rho)."""
+    system, orbit = radial(0.3)
+    cycle = collocated(system, from_orbit(system, orbit), tolerance=1e-11)
+    assert cycle.omega == pytest.approx(1.0, abs=1e-10)
+    assert np.abs(cycle.stability.multipliers).min() == pytest.approx(np.exp(-4 * np.pi * 0.3), rel=1e-9)
+
+
+def test_order_of_the_period():
+    """ORDER: Gauss points of degree 3 have the order 6 where intervals meet; the error is estimated within 15 %."""
+    system = van_der_pol(1.0)
+    guess = collocated(system, from_motion(system, [2.0, 0.0]), tolerance=1e-12)
+    errors = []
+    for N in (40, 80):
+        cycle = collocated(system, guess, degree=3, intervals=N)
+        errors.append(abs(cycle.period / 6.66328685932313019 - 1))
+        assert cycle.period_error == pytest.approx(errors[-1], rel=0.15)
+    assert np.log2(errors[0] / errors[1]) > 5.5
+
+
+def test_values_of_the_waveform():
+    """The peak of van der Pol's cycle at mu = 1 is 2.00861986087; odd motions have no mean."""
+    system = van_der_pol(1.0)
+    cycle = collocated(system, from_motion(system, [2.0, 0.0]), tolerance=1e-12)
+    low, high = cycle.extremes()
+    assert high[0] == pytest.approx(2.00861986087484314, abs=1e-8)
+    assert low[0] == pytest.approx(-high[0], abs=1e-8)
+    assert cycle.amplitude("x") == pytest.approx(high[0], abs=1e-8)
+    assert cycle.mean()[0] == pytest.approx(0.0, abs=1e-9)
+    orbit = cycle.orbit()
+    t = np.linspace(0, cycle.period, 57)
+    assert orbit.q(t) == pytest.approx(cycle.q(t), abs=1e-6)
+    assert orbit.v(t) == pytest.approx(cycle.v(t), abs=1e-4)
+    power = orbit.coefficients[0] ** 2 + 0.5 * (orbit.coefficients[1:] ** 2).sum(axis=0)
+    assert cycle.rms() ** 2 == pytest.approx(power, rel=1e-8)
+    residual = system.residual(cycle.q(t).T, cycle.v(t).T, cycle.a(t).T, system.vector()).full()
+    assert np.abs(residual).max() < 1e-4  # of the second derivative of polynomials
+    assert isinstance(cycle, CollocatedCycle)
+
+
+def test_orbit_of_a_relaxation_oscillation_tells_what_its_harmonics_miss():
+    system = van_der_pol(100.0)
+    orbit = collocated(system, from_motion(system, [2.0, 0.0])).orbit()
+    assert orbit.H == 511
+    assert "off by" in orbit.status
+    assert orbit.errors["waveform"] > 0.1
+    assert orbit.period == pytest.approx(162.83707109, abs=1e-6)
+
+
+def test_a_motion_that_closes_after_two_turns_is_the_cycle_passed_twice():
+    """Roessler's cycle at c = 2.5 attracts with a negative multiplier, so that motions close better after two turns."""
+    system = roessler(c=2.5)
+    cycle = collocated(system, from_motion(system, [1.0, 1.0, 0.0]))
+    assert cycle.period < 6
+    assert cycle.stability.critical.real < 0
+
+
+def test_method_in_solve():
+    system = van_der_pol(2.0)
+    equations = Collocation().equations(system)
+    guess = hb.find_cycles(system, mu=1.0)[0]
+    orbit = hb.solve(equations, guess, mu=1.0)
+    assert orbit.period == pytest.approx(6.66328685932313019, rel=1e-8)
+    assert orbit.parameters["mu"] == 1.0
+    with pytest.raises(ModelError, match="at given parameter values only"):
+        hb.solve(equations, guess, free="mu", amplitude={"x": 2.0})
+
+
+def test_what_is_refused():
+    with pytest.raises(ModelError, match=r"hbbogie\.exact"):
+        Collocation().equations(load_problem("yang1995").bogie())
+    with pytest.raises(ModelError, match="degree"):
+        Collocation(degree=1)
+    with pytest.raises(ModelError, match="intervals"):
+        Collocation(intervals="many")
+    with pytest.raises(ModelError, match="has shape"):
+        from_motion(van_der_pol(1.0), [1.0])
+    x, y, w, b = *(hb.Coordinate(s) for s in "xyw"), hb.Parameter("b", 2.5)
+    f, g = 1 - (b + 1) * x + x**2 * y, b * x - x**2 * y
+    kept = hb.System("kept", [x, y, w], [b], [x.dot - f, y.dot - g, w.dot + f + g])
+    motion = from_motion(kept, [1.0, 1.0, 0.0])
+    with pytest.raises(ModelError, match="conserved"):
+        collocated(kept, motion)
+
+
+def test_motions_without_a_cycle():
+    system = van_der_pol(-1.0)
+    with pytest.raises(ConvergenceError, match="comes to rest"):
+        from_motion(system, [0.1, 0.0])
+    with pytest.raises(ConvergenceError, match="no cycle was found"):
+        from_motion(system, [3.0, 0.0])
+
+
+@pytest.mark.parametrize("N", [1, 2, 7, 16, 23])
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_elimination_is_a_dense_solve(N, n):
+    """IDENTITY: solution, sign of the determinant between two right sides, and adjoint."""
+    rng = np.random.default_rng(N + 100 * n)
+    C, D = rng.standard_normal((2, N, n, n))
+    G, border, corner = rng.standard_normal((N, n, 3)), rng.standard_normal((2, N, n)), rng.standard_normal((2, 3))
+    dense, right = np.zeros((N * n + 2, N * n + 2)), np.zeros(N * n + 2)
+    for i in range(N):
+        rows, here, there = (slice(k * n, (k + 1) * n) for k in (i, i, (i + 1) % N))
+        dense[rows, here] += C[i]
+        dense[rows, there] += D[i]
+        dense[rows, N * n :], right[rows] = G[i, :, :2], G[i, :, 2]
+    dense[N * n :] = np.hstack([border.reshape(2, -1), corner[:, :2]])
+    right[N * n :] = corner[:, 2]
+    found = reduced(C, D, G, border, corner)
+    x, rest = found.solve()
+    size = np.linalg.cond(dense)
+    assert np.append(x, rest) == pytest.approx(np.linalg.solve(dense, right), abs=1e-12 * size)
+    states, two = found.adjoint()
+    unit = np.append(np.zeros(N * n + 1), 1.0)
+    assert np.append(states, two) == pytest.approx(np.linalg.solve(dense.T, unit), abs=1e-12 * size)
+    turned = corner.copy()
+    turned[1, :2] *= -1
+    other = dense.copy()
+    other[-1] *= -1
+    ratio = np.linalg.slogdet(other)[0] * np.linalg.slogdet(dense)[0]
+    assert reduced(C, D, G, border * [[[1]], [[-1]]], turned).sign * found.sign == ratio == -1
+
+
+def test_gauss_points():
+    """IDENTITY: the end of a polynomial of degree m from its beginning and its stages; integrals of degree 2 m - 1."""
+    for m in (2, 3, 4, 7):
+        g = gauss(m)
+        p = np.polynomial.Polynomial(np.arange(1.0, m + 2))
+        assert g.begin * p(0) + g.d @ p(g.c) == pytest.approx(p(1), rel=1e-12)
+        assert g.a @ p.deriv()(g.c) == pytest.approx(p(g.c) - p(0), rel=1e-12)
+        assert g.b @ g.c ** (2 * m - 1) == pytest.approx(1 / (2 * m), rel=1e-12)
+        mesh = np.array([0.0, 0.3, 1.0])
+        values = p(points_of(mesh, m))[..., None]
+        s = np.linspace(0, 1, 11)
+        assert evaluated(mesh, values, s)[:, 0] == pytest.approx(p(s), rel=1e-12)
+        assert evaluated(mesh, values, s, 1)[:, 0] == pytest.approx(p.deriv()(s), rel=1e-10)
+
+
+def test_linearisation_against_differences():
+    """The bordered solve inverts the derivative: a step along its solution changes the residual by the right side."""
+    system = hodgkin_huxley()
+    guess = from_motion(system, [50.0, 0.1, 0.5, 0.4]).on(12, 3)
+    equations, u = on_mesh(Rates(system, "I"), guess)
+    rng = np.random.default_rng(0)
+    plane, right = rng.standard_normal(len(u)), rng.standard_normal(len(u))
+    step, _ = equations.linearise(u).solve(plane, right)
+    h = 1e-6
+    ahead, behind = (equations.linearise(u + s * h * equations.scale * step).residual for s in (1, -1))
+    assert plane @ step == pytest.approx(right[-1], rel=1e-8)
+    size = np.abs(right).max() + np.abs(step).max()
+    assert (ahead - behind) / (2 * h) == pytest.approx(right[:-1], abs=1e-6 * size)
