@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from hbbogie.errors import ModelError
@@ -12,6 +13,18 @@ READABLE = {
     "m": (("", 1.0), ("m", 1e-3), ("µ", 0.0)),
     "rad": (("", 0.1), ("m", 1e-4), ("µ", 0.0)),
     "N": (("M", 1e6), ("k", 1e4), ("", 0.0)),
+}
+
+
+OTHERS = {  # further units, with what they are in the unit of a parameter
+    ("km/h", "m/s"): 1 / 3.6,
+    ("deg", "rad"): math.pi / 180,
+    ("rpm", "rad/s"): math.pi / 30,
+    ("Hz", "rad/s"): 2 * math.pi,
+    ("%", "1"): 0.01,
+    ("%", ""): 0.01,
+    ("t", "kg"): 1e3,
+    ("min", "s"): 60.0,
 }
 
 
@@ -40,12 +53,16 @@ def unit_factor(given: str, own: str, name: str) -> float:
     Raises
     ------
     ModelError
-        When the given unit is not the parameter's own unit with a prefix.
+        When the given unit is neither the parameter's own unit with a prefix nor a common one beside it, such as km/h.
     """
+    if (given, own) in OTHERS:
+        return OTHERS[given, own]
     own_factor, bare = (PREFIXES["k"], own[1:]) if own.startswith("kg") else (1.0, own)
     for prefix, factor in PREFIXES.items():
         if given == prefix + bare:
             return factor / own_factor
+    beside = "".join(f", or {unit}" for unit, of in OTHERS if of == own)
     raise ModelError(
-        f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with or without a prefix."
+        f"parameter {name!r}: got the unit {given!r}; allowed is its own, {own or '1'!r}, with or without "
+        f"a prefix{beside}."
     )

@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 from hbbogie.branches.criticality import onset
 from hbbogie.errors import ModelError
 from hbbogie.exact.bifurcations import TURNS, multiplier_crossings
+from hbbogie.exact.changes import sound
 from hbbogie.exact.closing import Closing
-from hbbogie.exact.folding import fold_of
+from hbbogie.exact.folding import fold_of, gradients
 from hbbogie.exact.method import ExactEquations
 from hbbogie.exact.points import Point
 from hbbogie.exact.starting import HIGHEST, at_grazing, exact_cycle, orbit_of, settled
-from hbbogie.exact.walk import Walk, follow
+from hbbogie.exact.walk import TOLERANCE, Walk, follow
 from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
+from hbbogie.results.critical import Critical
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
@@ -28,6 +30,7 @@ Array = NDArray[np.float64]
 
 SAME = 1e-12  # relative distance of two values that are one
 MOST = 400  # points of a branch
+ROUND_OFF = 1e-11  # relative error of an exact fold
 
 
 def exact_walk(system: System, hopf: SpecialPoint, interval: tuple[float, float], most: int = MOST) -> Walk:
@@ -74,6 +77,42 @@ def exact_trace(
     forward, backward = (follow(p, interval, most=most) for p in (point, point.turned()))
     points = [*(p.turned() for p in backward.points[:0:-1]), *forward.points]
     return _branch(points, parameter, (), (backward.end, forward.end), equations.harmonics)
+
+
+def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Critical:
+    """Return the fold near a cycle, solved for in closed form, with its gradient; see `fold`.
+
+    Raises
+    ------
+    ConvergenceError
+        When there is no fold near by.
+    """
+    system = equations.system
+    point = exact_cycle(system, equations.at(guess, parameter), parameter, free=True)
+    found = fold_of(point.closing, point.y[None])
+    at = Point(found.closing, found.y[0], np.append(found.v[0], 0.0), found.at, "fold", 0.0)
+    if not found.error[0] <= TOLERANCE or not sound(at):
+        raise ConvergenceError(
+            f"system {system.name!r}: no exact fold was found from the cycle at {parameter} = {point.value:g}; follow "
+            "its branch with trace, and start from branch.folds()."
+        )
+    slopes = dict(zip(system.parameter_names, map(float, gradients(found)[0]), strict=True))
+    slopes.pop(parameter)
+    curvature = float(found.curvature[0])
+    extremum = "minimum" if curvature > 0 else "maximum"
+    return Critical(
+        kind="fold",
+        parameter=parameter,
+        value=at.value,
+        extremum=extremum,
+        omega=at.omega,
+        gradient=slopes,
+        orbit=orbit_of(at, equations.harmonics),
+        residual=float(found.error[0]),
+        curvature=curvature,
+        status=f"{extremum} of {parameter} over the cycles near by, solved for in closed form",
+        error=ROUND_OFF * abs(at.value),
+    )
 
 
 def exact_branch(walk: Walk, hopf: SpecialPoint, harmonics: int = HIGHEST) -> Branch:

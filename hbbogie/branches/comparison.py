@@ -270,6 +270,11 @@ def compare(
         progress(f"branch by {method}", i / (2 * len(names)))
         followed[method] = trace_by_method(system, method, hopf[0], span)
     V = followed[truth].branch.values
+    if values is None and np.ptp(V) < 1e-6 * (span[1] - span[0]):
+        raise ModelError(
+            f"compare: from the Hopf point at {name} = {hopf[0].value:.6g} begins a family of cycles at that value, as "
+            "in a conservative system, and no branch to compare on; give values at which cycles exist."
+        )
     chosen = np.linspace(V.min(), V.max(), 14)[1:-1] if values is None else np.asarray(values, dtype=float)
     rows: list[Compared] = []
     for i, value in enumerate(chosen):

@@ -40,7 +40,11 @@ Problem = Annotated[
 ]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Parameter value in its own unit; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help='Parameter value, in its own unit or with one, as in "V=324 km/h"; may be repeated.',
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document, and nothing else, on standard output.")]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the files.")]
@@ -85,8 +89,9 @@ class Form(StrEnum):
 
 
 # options of every command that writes figures, with their defaults
-FIGURE_OPTIONS: dict[str, tuple[Any, Any]] = {
+SHARED: dict[str, tuple[Any, Any]] = {
     "form": (Annotated[Form, typer.Option("--format", help="Of the figures.")], Form.png),
+    "quiet": (Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")], False),
     "no_figures": (Annotated[bool, typer.Option("--no-figures", help="Write tables and branches only.")], False),
 }
 figures_wanted: ContextVar[dict[str, Any]] = ContextVar("figures_wanted")  # by the command that runs
@@ -110,16 +115,17 @@ def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., No
 
         @functools.wraps(function)
         def run(*args: Any, **kwargs: Any) -> None:
-            from hbbogie.commandline.terminal import guarded
+            from hbbogie.commandline.terminal import guarded, quiet
 
-            options = {name: kwargs.pop(name) for name in FIGURE_OPTIONS if name in kwargs}
+            quiet.set(bool(kwargs.get("quiet")))
+            options = {name: kwargs.pop(name) for name in SHARED if name in kwargs}
             figures_wanted.set({"form": str(options.get("form", Form.png)), "figures": not options.get("no_figures")})
             guarded(function, args, kwargs)
 
         if writes:
             kind, hints = inspect.Parameter.KEYWORD_ONLY, get_type_hints(function, include_extras=True)
             own = [p.replace(annotation=hints[n]) for n, p in inspect.signature(function).parameters.items()]
-            own += [inspect.Parameter(n, kind, default=d, annotation=a) for n, (a, d) in FIGURE_OPTIONS.items()]
+            own += [inspect.Parameter(n, kind, default=d, annotation=a) for n, (a, d) in SHARED.items()]
             run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
             run.__annotations__ = {p.name: p.annotation for p in own}
         return group.command(epilog=examples(*lines), cls=Strict)(run)
@@ -147,11 +153,17 @@ def _options(
 
 def load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
     """Return the module of a problem and its system with parameter values replaced."""
-    from hbbogie.commandline.terminal import numbers
+    from hbbogie.commandline.terminal import quantities
     from hbbogie.model.problem import load_problem, system_of
+    from hbbogie.units import unit_factor
 
-    values = numbers(overrides, "--set")
+    given = quantities(overrides, "--set")
     module = load_problem(name)
+    values = {n: value for n, (value, _) in given.items()}
+    if any(unit for _, unit in given.values()):
+        plain = system_of(module)
+        for n, (value, unit) in given.items():
+            values[n] = value * unit_factor(unit, plain.parameter(n).unit, n) if unit else value
     return module, system_of(module, **values)
 
 

@@ -203,6 +203,16 @@ def plot(
     deliver(Report(what, notes=(f"{what}.",)), [path], as_json)
 
 
+@command("hbbogie new my_bogie.py", "then: hbbogie run my_bogie.py")
+def new(
+    file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The problem file to write; it must not exist yet.")],
+) -> None:
+    """Write a problem file to begin with: a mass on a moving belt, with every part explained."""
+    from hbbogie.commandline.template import write_problem
+
+    print(f"Written: {write_problem(file)}. Try: hbbogie run {file}")
+
+
 @command("hbbogie problems", "hbbogie problems --json")
 def problems(as_json: AsJson = False) -> None:
     """List the problems that come with the package."""
@@ -222,7 +232,7 @@ def main() -> None:
     from hbbogie.commandline.terminal import INTERRUPTED, WRONG_INPUT, print_error
 
     try:
-        code = app(prog_name="hbbogie", standalone_mode=False)
+        code = app(sys.argv[1:] or ["--help"], prog_name="hbbogie", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
     except ModelError as error:

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
+from contextvars import ContextVar
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from hbbogie.reports.table import Table
 
 WRONG_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 2, 1, 130  # exit codes
+quiet: ContextVar[bool] = ContextVar("quiet", default=False)  # whether progress is kept to itself
 WIDTH = 100  # of the output where it does not go to a terminal
 FEW_ROWS = 6  # a table too wide for the terminal is turned where it has no more rows than this
 
@@ -73,6 +75,21 @@ def numbers(texts: Sequence[str] | None, option: str) -> dict[str, float]:
     return found
 
 
+def quantities(texts: Sequence[str] | None, option: str) -> dict[str, tuple[float, str]]:
+    """Return the names, numbers and units of texts such as "V=324 km/h"; the unit is empty where none is given.
+
+    Raises
+    ------
+    ModelError
+        As of `numbers`.
+    """
+    found = {}
+    for name, text in assignments(texts, option).items():
+        number, _, unit = text.partition(" ")
+        found[name] = numbers([f"{name}={number}"], option)[name], unit.strip()
+    return found
+
+
 def listed(text: str, option: str) -> list[float]:
     """Return the numbers of a list separated by commas; raise `ModelError` for anything else."""
     try:
@@ -87,6 +104,9 @@ def listed(text: str, option: str) -> list[float]:
 def progress_shown() -> Iterator[Callable[[str, float | None], None]]:
     """Give a function (message, fraction) that shows progress on standard error."""
     out = console(stderr=True)
+    if quiet.get():
+        yield lambda message, fraction: None
+        return
     if not out.is_terminal:
         last = ""
 

@@ -8,11 +8,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.closed_form import exact_fold
 from hbbogie.branches.collocated import collocated_fold
 from hbbogie.branches.continuation import trace
 from hbbogie.collocation.method import CollocationEquations
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
+from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Critical, Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
@@ -25,11 +27,11 @@ FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its valu
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
-@door(equations=(Equations, CollocationEquations), guess=(Orbit, SpecialPoint), parameter=str)
+@door(equations=(Equations, ExactEquations, CollocationEquations), guess=(Orbit, SpecialPoint), parameter=str)
 def fold(
-    equations: Equations | CollocationEquations,
+    equations: Equations | ExactEquations | CollocationEquations,
     guess: Orbit | SpecialPoint,
-    parameter: str,
+    parameter: str | None = None,
     *,
     search: bool = True,
     tolerance: float = 1e-10,
@@ -43,11 +45,13 @@ def fold(
 
     Parameters
     ----------
-    equations : Equations, or those of `hbbogie.collocation.Collocation`
-        With the latter the branch is followed from the guess, and ``search`` and ``tolerance`` mean nothing.
+    equations : Equations, or those of `hbbogie.exact.Exact` or `hbbogie.collocation.Collocation`
+        With those of `Exact` the conditions of a fold are solved in closed form from the guess. With those of
+        `Collocation` the branch is followed from the guess. ``search`` and ``tolerance`` are not used with either.
     guess : Orbit or SpecialPoint
         Near the fold, such as one of ``branch.folds()``.
-    parameter : str
+    parameter : str, optional
+        By default that of the special point.
     search : bool
         Whether to go on in steps, and by tracing, where Newton's method fails from the guess.
     tolerance : float
@@ -64,10 +68,15 @@ def fold(
     ModelError
         For an unknown parameter, or equations of equilibria.
     """
-    if isinstance(equations, CollocationEquations):
-        return collocated_fold(equations, guess, equations.system.parameter(parameter).name)
     system = equations.system
-    place = system.parameter_names.index(system.parameter(parameter).name)
+    if parameter is None and not isinstance(guess, SpecialPoint):
+        raise ModelError("fold: the guess is an orbit, which knows no parameter to vary; give its name, such as 'V'.")
+    parameter = system.parameter(guess.parameter if parameter is None else parameter).name  # type: ignore[union-attr]
+    if isinstance(equations, CollocationEquations):
+        return collocated_fold(equations, guess, parameter)
+    if isinstance(equations, ExactEquations):
+        return exact_fold(equations, guess.orbit if isinstance(guess, SpecialPoint) else guess, parameter)
+    place = system.parameter_names.index(parameter)
     if equations.phase is None:
         raise ModelError("fold: the equations are those of equilibria; ask for at least one harmonic.")
     orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess

@@ -132,7 +132,7 @@ class Design:
         return {name: self.system.values[name] for name in self.over}
 
 
-@door(system=System, raise_=str, over=Mapping)
+@door(system=System, raise_=str)
 def optimise(
     system: System,
     *,

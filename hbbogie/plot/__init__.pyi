@@ -1,6 +1,7 @@
 from .animation import animate as animate
 from .animation import check_target as check_target
 from .appearance import COLOURS as COLOURS
+from .appearance import NEUTRAL as NEUTRAL
 from .appearance import figure_of as figure_of
 from .appearance import one_legend as one_legend
 from .appearance import panels as panels

@@ -23,6 +23,7 @@ from hbbogie.units import PREFIXES, readable
 Array = NDArray[np.float64]
 P = ParamSpec("P")
 FEW = 4  # values that a title takes in
+ZERO = 1e-18  # what a title takes for zero
 
 # Okabe and Ito: told apart by the colour-blind, and in this order also when printed in grey
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#444444")
@@ -184,9 +185,7 @@ def engineering(axis: Axis, label: str) -> None:
     low, high = axis.get_view_interval()
     factor, shown = readable(unit, max(abs(low), abs(high)))
     if axis.get_scale() == "linear":
-        axis.set_major_formatter(
-            FuncFormatter(lambda value, _: f"{factor * value + 0.0:.10g}".replace("-", "\N{MINUS SIGN}"))
-        )
+        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{factor * v + 0.0:.10g}".replace("-", "\N{MINUS SIGN}")))
     axis.set_label_text(bracketed(text, shown))
 
 
@@ -199,7 +198,7 @@ def finish(ax: Axes, given: Axes | None, title: str = "") -> Axes:
 
 def title_of(o: Orbit | Trajectory, without: str = "") -> str:
     """Return the title of a figure: the system, with its values where they are few, else with the first."""
-    values = {n: v for n, v in o.parameters.items() if n != without}
+    values = {n: v if abs(v) > ZERO else 0.0 for n, v in o.parameters.items() if n != without}
     few = values if len(values) <= FEW else {} if without else dict([*values.items()][:1])
     return f"{o.system}, {o.naming.values(few, FEW)}" if few else o.system
 

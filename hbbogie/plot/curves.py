@@ -151,7 +151,8 @@ def draw_marks(ax: Axes, marks: Sequence[tuple[SpecialPoint, float]], labels: bo
         marker, text = DRESS.get(kind, ("P", kind))
         some = {(s.value, level): s for s, level in marks if s.kind == kind}
         named = next(iter(some.values()))
-        places = list(dict.fromkeys(f"{value:.4g}" for value, _ in some))
+        zero = 1e-9 * float(ax.dataLim.width)  # what is zero to round-off
+        places = list(dict.fromkeys(f"{0.0 if abs(value) < zero else value:.4g}" for value, _ in some))
         unit = named.orbit.naming.units.get(named.parameter, "")
         if len(places) <= 2 and kind != "grazing":
             text += f" ({named.parameter} = {', '.join(places)}{'' if unit in ('', '1') else ' ' + unit})"
@@ -169,10 +170,12 @@ def level_of(s: SpecialPoint, height: Height, rest: Height | None) -> float:
 
 
 def onset(ax: Axes, branch: Branch, s: SpecialPoint, level: float, height: Height) -> None:
-    """Join a Hopf point to a branch that begins above it: linear cycles of every amplitude up to a contact."""
-    ends = [o for o in (branch[0], branch[-1]) if abs(o.parameters[branch.parameter] - s.value) <= 1e-6 * abs(s.value)]
-    if ends and height(ends[0]) > level:
-        at, to = [s.value] * 2, [level, height(ends[0])]
+    """Join a Hopf point to a branch above it: linear cycles of every amplitude, as up to a contact."""
+    near = 1e-6 * max(float(np.ptp(branch.values)), abs(s.value))
+    met = [branch[0], branch[-1], *(other.orbit for other in branch.special if other.kind == "branch point")]
+    above = [height(o) for o in met if abs(o.parameters[branch.parameter] - s.value) <= near]
+    if above and min(above) > level:
+        at, to = [s.value] * 2, [level, min(above)]
         ax.plot(at, to, ls=LINES["unknown"], color="#777777", lw=1.2, zorder=2, label="linear cycles")
 
 

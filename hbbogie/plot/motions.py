@@ -159,7 +159,7 @@ def delays(runs: Hysteresis, ax: Axes | None = None) -> Axes:
     plain = FuncFormatter(lambda value, _: f"{value:g}")
     ax.yaxis.set_major_formatter(plain)
     low, high = ax.get_ylim()
-    if high < 30 * low:  # within a decade or so, powers of ten alone would number hardly a tick
+    if high < 300 * low:  # over few decades, powers of ten alone would number hardly a tick
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel(f"rate [{per_second(runs.parameter_unit)}]")

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie.branches.comparison import DEFAULT_METHODS, Comparison, check_methods, compare
+from hbbogie.branches.comparison import DEFAULT_METHODS, Comparison, check_methods, compare, method_named
+from hbbogie.errors import ModelError
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -107,6 +108,9 @@ def comparison_of(
         As of `compare`. Values that are given are compared generally, also where the module has its own way.
     """
     chosen = check_methods(methods or DEFAULT_METHODS)
+    left_out: tuple[str, ...] = ()
+    if not methods:
+        chosen, left_out = _possible(system, chosen)
     own = getattr(module, "comparison", None)
     if own is not None and values is None:
         report: Report = own(system, chosen, progress)
@@ -116,7 +120,19 @@ def comparison_of(
     branches = {f"branch_{name}": method.branch for name, method in found.methods.items()}
     figures: dict[str, Callable[[], Figure]] = {"comparison": partial(_page, found)}
     tables = (table_of_errors(found), table_of_methods(found))
-    return Report(f"{system.name}: methods compared", tables, branches, figures, verdicts(found))
+    return Report(f"{system.name}: methods compared", tables, branches, figures, (*verdicts(found), *left_out))
+
+
+def _possible(system: System, names: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Return those of the default methods that can do a system, and a sentence on each other."""
+    kept, left_out = [], []
+    for name in names:
+        try:
+            method_named(name).equations(system)
+            kept.append(name)
+        except ModelError as error:
+            left_out.append(f"{name} is left out: {error}")
+    return kept, tuple(left_out)
 
 
 def _page(found: Comparison) -> Figure:

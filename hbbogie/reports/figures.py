@@ -65,7 +65,7 @@ def cycle_figures(cycles: list[Orbit], system: System) -> Figures:
 def _told(cycles: Sequence[Orbit]) -> list[tuple[str, Orbit]]:
     """Return the cycles that a page has room for, the largest ones, each with what it is."""
     count, first = len(cycles), max(0, len(cycles) - PANELS)
-    words = [f"cycle {i + 1} of {count}, {o.verdict}" for i, o in enumerate(cycles)]
+    words = [f"cycle {i + 1} of {count}, {o.verdict}" if count > 1 else o.verdict for i, o in enumerate(cycles)]
     return list(zip(words, cycles, strict=True))[first:]
 
 

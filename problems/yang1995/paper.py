@@ -296,13 +296,14 @@ def _misprint(states: list[StateByAll]) -> tuple[str, ...]:
 
 
 def _dress(method: str) -> dict[str, Any]:
-    """Return colour and width of a method's lines: the converged one pale and wide, below the others."""
-    from hbbogie.plot import COLOURS
+    """Return colour and width of a method's lines, the wide ones below the narrow ones that lie on them."""
+    from hbbogie.plot import NEUTRAL
 
-    known = {"df1": 0, "df2": 1, "mhb3": 2, "mhb15": 3, "RK4": 4, "exact": 6}
+    known = {"df1": (3, 4.0), "df2": (2, 1.2), "mhb3": (4, 1.2), "mhb15": (1, 1.2), "RK4": (0, 1.2), "exact": (2, 1.2)}
     if method == "mhb61":
-        return {"color": "#c8c8c8", "lw": 5.0}
-    return {"color": COLOURS[known.get(method, 5)], "lw": 1.3}
+        return {"color": "#d0d0d0", "lw": 5.0, "zorder": 2}
+    colour, width = known.get(method, (0, 1.2))
+    return {"color": NEUTRAL[colour], "lw": width, "zorder": 3 if width > 2 else 4}
 
 
 def _comparison_page(followed: dict[str, TracedBranch], states: list[StateByAll]) -> Figure:
@@ -313,7 +314,7 @@ def _comparison_page(followed: dict[str, TracedBranch], states: list[StateByAll]
     for ax, coordinate, a in ((axes[0, 0], "q1", "a1"), (axes[0, 1], "q3", "a2")):
         for method in followed.values():
             V, size = method.branch.values, 1e3 * method.branch.amplitude(coordinate)
-            ax.plot(V, size, label=method.name, zorder=3, **_dress(method.name))
+            ax.plot(V, size, label=method.name, **_dress(method.name))
         for label, m, marker in (("printed EL", "printed EL", "s"), ("printed NI", "printed NI", "o")):
             some = [s.answers[m] for s in states if m in s.answers]
             ax.plot(
@@ -332,7 +333,8 @@ def _comparison_page(followed: dict[str, TracedBranch], states: list[StateByAll]
             pairs = [(s.answers[m].V, abs(s.answers[m].errors(s.truths[m])[k])) for s in states if m in s.truths]
             pairs = [(V, e) for V, e in pairs if e > 1e-9]  # an amplitude that is held has no error
             if pairs:
-                ax.semilogy(*zip(*pairs, strict=True), "o", ms=4, label=f"error, {m}", color=_dress(m)["color"])
+                look = {"color": _dress(m)["color"], "mfc": "none", "ms": 7 if m == "df1" else 4}
+                ax.semilogy(*zip(*pairs, strict=True), "o", label=f"error, {m}", **look)
         ax.set_xlabel(SPEED)
         ax.set_ylabel(f"error of {what} [%]")
     return plot.one_legend(figure)

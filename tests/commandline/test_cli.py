@@ -253,3 +253,36 @@ def test_a_limit_of_time_is_told(command, tmp_path):
     result = call(command, "yang1995", "--limit", "1e-6", "--json", *where)
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["data"]["complete"] is False and "time limit" in result.stdout
+
+
+def test_values_may_have_units():
+    values = {}
+    for text in ("V=90", "V=324 km/h", "V = 0.09 km/s"):
+        values[text] = document(call("cycles", "yang1995", "--set", text, "--json", "--quiet"))["data"]["parameters"][
+            "V"
+        ]
+    assert list(values.values()) == pytest.approx([90.0] * 3, rel=1e-14)
+    wrong = call("cycles", "yang1995", "--set", "V=324 mph")
+    assert wrong.exit_code == 2 and "'m/s', with or without a prefix, or km/h" in wrong.output
+
+
+def test_quiet_shows_no_progress():
+    assert "looking for cycles" in call("cycles", "van_der_pol").stderr
+    assert call("cycles", "van_der_pol", "-q").stderr == ""
+
+
+def test_a_new_problem_runs(tmp_path):
+    """Its Hopf point in closed form: the friction falls as steeply as the damper rises, c = N mu0 (a - 3 b v^2)."""
+    assert call("new", "my_belt.py").exit_code == 0
+    again = call("new", "my_belt.py")
+    assert again.exit_code == 2 and "exists already" in again.output
+    assert call("new", "my-belt.py").exit_code == 2
+    found = document(call("critical", "my_belt.py", "--json", "-q", "--no-figures"))
+    values = [c["value"] for c in found["data"]["critical"] if c["kind"] == "hopf"]
+    assert values == pytest.approx([(0.375 / 0.6) ** 0.5], rel=1e-9)
+
+
+def test_alone_it_shows_its_help():
+    run = process()
+    out, _ = run.communicate(timeout=60)
+    assert run.returncode == 0 and "hbbogie problems" in out

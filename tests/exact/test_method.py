@@ -53,6 +53,22 @@ class TestBogie:
         assert cycle.omega == pytest.approx(truth.omega, rel=1e-10)
         assert abs(cycle.stability.critical) == pytest.approx(abs(truth.stability.critical), rel=1e-6)
 
+    def test_fold_and_gradient(self, bogie):
+        """By V = 88.7641131943 m/s, and by harmonic balance with many harmonics for the gradient."""
+        (hopf,) = hb.hopf_points(bogie, "V", (60.0, 190.0))
+        exact = Exact().equations(bogie)
+        (point,) = hb.trace(exact, hopf, "V", (60.0, 190.0)).folds()
+        found, near = hb.fold(exact, point), hb.fold(hb.HarmonicBalance(63).equations(bogie), point)
+        assert found.value == pytest.approx(88.7641131943, abs=5e-11) and found.extremum == "minimum"
+        assert found.error < 1e-8
+        for name, elasticity in near.elasticities.items():
+            assert found.elasticities[name] == pytest.approx(elasticity, abs=5e-7)
+        far = hb.find_cycles(bogie, V=150.0)[-1]
+        with pytest.raises(hb.ConvergenceError, match=r"branch\.folds"):
+            hb.fold(exact, far, "V")
+        with pytest.raises(hb.ModelError, match="give its name"):
+            hb.fold(exact, far)
+
 
 class TestChua:
     def test_period_doubling(self, chua_branches):
