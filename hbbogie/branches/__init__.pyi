@@ -14,7 +14,6 @@ from .diagram import Diagram as Diagram
 from .diagram import bifurcation_diagram as bifurcation_diagram
 from .isolated import isolated_branches as isolated_branches
 from .judging import estimate as estimate
-from .judging import judged as judged
 from .judging import stability_of as stability_of
 from .judging import verified as verified
 from .same import of_prime_period as of_prime_period

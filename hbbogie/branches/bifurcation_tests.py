@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.branches.cycle_curve import CycleCurve
+from hbbogie.branches.judging import stability_of
 from hbbogie.deadline import time_is_over
-from hbbogie.errors import ModelError
 from hbbogie.results import Orbit
 from hbbogie.solving.curve import Point
-from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.variation import Waveform
 
 Complex = NDArray[np.complex128]
 
+MARGIN = 5.0  # a multiplier may be off by so many errors of the trivial one
 TRUSTED = 1e-2  # largest error of the trivial multiplier with which multipliers are looked at
 
-Kind = str | tuple[str, int]  # "fold", "branching", "flip", "torus"; or a contact, by its name and number
+Kind = str | tuple[str, int]  # "fold", "branching"; or a contact, by its name and number
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +50,7 @@ class Probe:
         """The cycle, with its stability where it is to be judged and can be, as long as there is time."""
         if not self.judge or time_is_over():
             return self.cycle
-        try:
-            return self.cycle.replace(stability=floquet(self.curve.equations.system, self.cycle))
-        except (ModelError, RuntimeError, np.linalg.LinAlgError):
-            return self.cycle
+        return self.cycle.replace(stability=stability_of(self.curve.equations.system, self.cycle))
 
     @property
     def value_error(self) -> float:
@@ -69,23 +65,15 @@ class Probe:
 
     @cached_property
     def multipliers(self) -> tuple[bool, Complex] | None:
-        """Whether those of half a period, and the multipliers, the trivial one last; None where not trusted."""
+        """Whether those of half a period, and the multipliers but the trivial one; None where not trusted."""
         s = self.orbit.stability
         if s is None or not s.trivial_error <= TRUSTED:
             return None
-        half = s.half_multipliers is not None
-        m = s.half_multipliers if s.half_multipliers is not None else s.multipliers
-        trivial = int(np.argmin(np.abs(m - 1)))
-        return half, np.append(np.delete(m, trivial), m[trivial])
-
-    def factors(self, kind: str) -> Complex:
-        """Return the factors whose product changes its sign at -1, "flip", or on the circle, "torus"; else none."""
-        known = self.multipliers
-        if known is None:
-            return np.empty(0, dtype=complex)
-        if kind == "flip":
-            return np.asarray(known[1] + 1)
-        return np.array([a * b - 1 for a, b in combinations(known[1][:-1], 2)], dtype=complex)
+        half = s.half_multipliers
+        m = s.multipliers if half is None else half
+        off = np.abs(np.abs(s.multipliers - 1) - s.trivial_error)  # none for the one that was taken for trivial
+        trivial = int(np.argmin(np.where(m.real > 0, off, np.inf)))
+        return half is not None, np.delete(m, trivial)
 
     def value(self, kind: Kind) -> float:
         """Return a test function; NaN where it is not known."""
@@ -93,10 +81,7 @@ class Probe:
             return self.contacts[kind][1]
         if kind == "fold":
             return float(self.point.tangent[-1])
-        if kind == "branching":
-            return self.curve.branching(self.point)
-        factors = self.factors(kind)
-        return float(np.prod(factors).real) if len(factors) else float("nan")
+        return self.curve.branching(self.point)
 
     @cached_property
     def contacts(self) -> dict[tuple[str, int], tuple[float, float]]:

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
-from hbbogie.branches.switching import asymmetric, crossing, doubled
+from hbbogie.branches.multiplier_points import Located, with_multipliers
+from hbbogie.branches.resolution import doubt_at_fold
+from hbbogie.branches.switching import crossing
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.solving.arclength import distance, located
 from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 
-MARGIN = 5.0  # a multiplier may be off by so many errors of the trivial one
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle that is not solved to the last digit
-REAL = 1e-6  # imaginary part below which a pair of multipliers counts as real
 SAME = 1e-6  # length of arc within which contacts happen together, and a point is the special one itself
-FORK = 1e-3  # length of arc within which two pitchforks are one
+FORK = 1e-3  # length of arc within which two points at which branches cross are one
 TOUCHING = 1e-6  # distance of a contact from its gap, relative to its motion, that counts as none
 FLAT = "; the parameter varies too little along the branch for a smaller interval"
 ZERO = 1e-2  # where a test function is located it has fallen by this much, else it jumps
@@ -54,8 +54,7 @@ def special_points(
     arcs: list[float] = np.cumsum([0.0, *(distance(curve, a, b) for a, b in pairwise(points))]).tolist()
     found = _changes(curve, probes, arcs, known)
     if judge:
-        explained = [arcs[i] for i in known] + [arc for arc, s in found if s.kind != "grazing"]
-        found += [*_unexplained(curve, probes, arcs, explained), *_touching(curve, probes)]
+        found = _forks_once(with_multipliers(curve, probes, arcs, found, known)) + _touching(curve, probes)
     own = {id(probe.orbit) for probe in probes}
     between = [(arc, s.orbit) for arc, s in found if id(s.orbit) not in own]
     orbits = sorted([*zip(arcs, (probe.orbit for probe in probes), strict=True), *between], key=lambda o: o[0])
@@ -68,7 +67,7 @@ def _at(known: SpecialPoint, probe: Probe) -> SpecialPoint:
     return replace(known, orbit=probe.orbit) if known.kind in ("pitchfork", "branch point") else known
 
 
-def _touching(curve: CycleCurve, probes: list[Probe]) -> list[tuple[float, SpecialPoint]]:
+def _touching(curve: CycleCurve, probes: list[Probe]) -> list[Located]:
     """Return the grazing with which a curve begins, where linear cycles end and a gap closes."""
     if len(probes) < 2:
         return []
@@ -83,15 +82,15 @@ def _touching(curve: CycleCurve, probes: list[Probe]) -> list[tuple[float, Speci
 
 def _changes(
     curve: CycleCurve, probes: list[Probe], arcs: list[float], known: Mapping[int, SpecialPoint]
-) -> list[tuple[float, SpecialPoint]]:
+) -> list[Located]:
     """Return where test functions change their sign, with the length of arc.
 
     Next to the special point at which the curve begins no further branch is looked for.
     """
     kinds: list[Kind] = ["fold"]
     if probes[0].judge:
-        kinds += ["branching", "flip", "torus", *probes[0].contacts]
-    found: list[tuple[float, SpecialPoint]] = []
+        kinds += ["branching", *probes[0].contacts]
+    found: list[Located] = []
     contacts: list[_Contact] = []
     for kind in kinds:
         values = [float("nan") if kind == "branching" and i in known else q.value(kind) for i, q in enumerate(probes)]
@@ -106,11 +105,21 @@ def _changes(
             tangents = probes[i].point.tangent, probes[j].point.tangent
             if (point := _special(curve, at, kind, tangents, reach)) is not None:
                 found.append((arc, replace(point, status=point.status + FLAT * flat)))
-    forks = sorted((f for f in found if f[1].kind == "pitchfork"), key=lambda f: f[0])
-    for a, b in pairwise(forks):
-        if b[0] - a[0] < FORK:  # seen by the Jacobian and by the multipliers
-            found.remove(max(a, b, key=lambda f: f[1].interval[1] - f[1].interval[0]))
     return found + [(group[0].length, _grazing(curve, group)) for group in _groups(contacts)]
+
+
+def _forks_once(found: list[Located]) -> list[Located]:
+    """Return the points without those that the Jacobian and the multipliers show both.
+
+    Where several multipliers cross together, which only they show, theirs is kept; else the one located more closely.
+    """
+    forks = sorted((f for f in found if f[1].kind in ("pitchfork", "branch point")), key=lambda f: f[0])
+    twice = [
+        max(a, b, key=lambda f: (f[1].onward is not None, f[1].interval[1] - f[1].interval[0]))
+        for a, b in pairwise(forks)
+        if b[0] - a[0] < FORK and a[1].kind == b[1].kind
+    ]
+    return [f for f in found if not any(f is other for other in twice)]
 
 
 def _brackets(probes: list[Probe], values: list[float], kind: Kind) -> list[tuple[int, int]]:
@@ -138,33 +147,11 @@ def _comparable(probes: list[Probe], values: list[float], kind: Kind) -> bool:
     A family of cycles along which the parameter does not vary ends in a small one, where the tangent is round-off:
     over points with no slope to speak of the parameter must turn back by more than its error.
     """
-    if kind in ("flip", "torus"):
-        return probes[0].half == probes[-1].half
     if kind != "fold" or len(probes) == 2:
         return True
     y = [float(probe.point.u[-1]) for probe in probes]
     flattest = y[int(np.argmin(np.abs(values)))]
     return all((y[k] - flattest) * np.sign(values[-1]) > probes[k].value_error for k in (0, -1))
-
-
-def _unexplained(
-    curve: CycleCurve, probes: list[Probe], arcs: list[float], explained: list[float]
-) -> list[tuple[float, SpecialPoint]]:
-    """Return what says where a change of stability was not located, points without a verdict passed over."""
-    known = [i for i, q in enumerate(probes) if q.orbit.stability and q.orbit.stability.verdict != "unknown"]
-    found = []
-    for i, j in pairwise(known):
-        before, after = (probes[k].orbit.stability for k in (i, j))
-        if before is None or after is None or before.unstable == after.unstable:
-            continue
-        if any(arcs[i] - SAME <= arc <= arcs[j] + SAME for arc in explained):
-            continue
-        values = [float(q.point.u[-1]) for q in probes[i : j + 1]]
-        what = f"unstable directions go from {before.unstable} to {after.unstable} in this interval"
-        status = f"{what}; what happens there was not located: take more harmonics or shorter steps"
-        ends = min(values), max(values)
-        found.append((arcs[j], SpecialPoint("not located", curve.parameter, ends[1], ends, probes[j].orbit, status)))
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,10 +208,6 @@ def _located(
     error += off
     if kind != "branching":
         error += curve.inaccuracy(at.point, at.point.error)
-    if kind in ("flip", "torus") and (stability := at.orbit.stability) is not None:
-        others = float(np.prod(np.sort(np.abs(at.factors(str(kind))))[1:]))
-        slope = abs(ends[1] - ends[0]) / distance(curve, probes[i].point, probes[j].point)
-        error += others * MARGIN * stability.trivial_error / slope
     # where branches cross the tangent is any in their plane: those of the neighbours tell how the parameter goes
     points = (a.point, b.point) if kind == "branching" else (at.point,)
     along = max(abs(float(point.tangent[-1])) for point in points) * float(curve.scale[-1])
@@ -240,7 +223,7 @@ def _special(
     curve: CycleCurve, at: Probe, kind: str, tangents: tuple[Array, Array], reach: float
 ) -> SpecialPoint | None:
     """Return the special point of a located change of sign; None where it is nothing."""
-    system, orbit, value = curve.equations.system, at.orbit, float(at.point.u[-1])
+    orbit, value = at.orbit, float(at.point.u[-1])
     onward, extremum = None, ""
     if kind == "fold":
         rises = tangents[1][-1] > 0
@@ -248,30 +231,15 @@ def _special(
         status = (
             f"{extreme} value of {curve.parameter} along the branch; slope {at.point.tangent[-1]:.1e} where located"
         )
-    elif kind == "branching":
+    else:
         onward = crossing(curve, at.point, tangents[0] + tangents[1])
         breaks = fourier.is_odd(orbit.coefficients, NEARLY_ODD) and not fourier.is_odd(onward.coefficients, NEARLY_ODD)
         name, what = ("pitchfork", "the symmetry breaks") if breaks else ("branch point", "another branch crosses")
         status = f"{what}; smallest singular value {abs(at.value(kind)):.1e} where located"
-    else:
-        known = at.multipliers
-        if known is None:
-            return None
-        half, m = known
-        if kind == "flip":
-            name, begin = ("pitchfork", asymmetric) if half else ("period doubling", doubled)
-            onward, nearest = begin(system, orbit), m[np.argmin(np.abs(m + 1))].real
-            what = "the symmetry breaks" if half else "a cycle of twice the period begins"
-            status = f"{what}; multiplier {nearest:.8f}{' of half a period' * half} where located"
-        else:
-            pair = m[:-1][np.argsort(np.abs(np.abs(m[:-1]) - 1))[:2]] ** (2 if half else 1)
-            if len(pair) < 2 or np.abs(pair.imag).min() < REAL:
-                return None  # two real multipliers with product 1: nothing changes
-            name, angle = "Neimark-Sacker", abs(np.angle(pair[0]))
-            status = f"a torus begins; multipliers {abs(pair[0]):.8f} exp(+-{angle:.6f} i) where located"
+    if kind == "fold" and (doubt := doubt_at_fold(curve.equations.system, at.cycle)):
+        status += f"; {doubt}"
     s = orbit.stability
-    # at a fold the trivial multiplier meets another, and carries the root of the error
-    if s is not None and s.trivial_error > (TRUSTED**0.5 if kind == "fold" else TRUSTED):
+    if s is not None and kind != "fold" and s.trivial_error > TRUSTED:
         status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
     interval = value - reach, value + reach
     return SpecialPoint(name, curve.parameter, value, interval, orbit, status, onward, extremum=extremum)

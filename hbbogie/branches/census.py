@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.closed_form import exact_crossings, exact_walk
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import _family, crossings
-from hbbogie.branches.motions import recurrences, sample_distance
+from hbbogie.branches.crossing import crossings, extent, family_message
+from hbbogie.branches.motions import recurrences, sample_distance, state_of
+from hbbogie.branches.onsets import beginnings
+from hbbogie.branches.relatives import relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, of_prime_period, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
@@ -21,7 +23,6 @@ from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
-from hbbogie.errors import ModelError
 from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -29,8 +30,7 @@ from hbbogie.methods.scales import amplitude_scale
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
-from hbbogie.motion.integration import initial_state
-from hbbogie.results import Orbit, SpecialPoint, Trajectory
+from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
@@ -73,7 +73,7 @@ class Census:
         self.hopf = _distinct(self.branches.special("hopf"))
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
-        self.failures, self.unsettled = 0, 0
+        self.failures, self.unsettled, self.undecided, self.family, self.running = 0, 0, 0, "", ""
         self.marks: list[Array] = []
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
@@ -88,8 +88,8 @@ class Census:
 
     def follow_branches(self) -> None:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
-        for hopf in self.hopf:
-            name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}"
+        for hopf, which in (start for point in self.hopf for start in beginnings(self.system, point)):
+            name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}{which}"
             if time_is_over():
                 self.evidence.append(f"{name} was not followed: the time limit was reached")
             elif not self._in_closed_form(hopf, name):
@@ -125,8 +125,7 @@ class Census:
         except FAILURES as error:
             self.evidence.append(f"{name} was not followed: {error}")
             return
-        low, high = float(branch.values.min()), float(branch.values.max())
-        self.evidence.append(f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}")
+        self.evidence.append(extent(name, branch))
         before = _before(equations, hopf, branch.orbits[0], self.value)
         for orbit in [*before, *crossings(equations, branch, self.value)]:
             self.consider(orbit, name)
@@ -139,7 +138,7 @@ class Census:
         size = sizes(system, self.equilibria, self.found, amplitude)
         starts = starts_of(system, self.equilibria, size)
         if self.start is not None:
-            starts = [("the start", _state(system, self.start))]
+            starts = [("the start", state_of(system, self.start))]
         eigenvalues = np.concatenate([e.eigenvalues for e in self.equilibria] or [np.empty(0, dtype=complex)])
         h = sample_distance(eigenvalues)
         for sense, there in (("", system), (" backwards in time", system.backwards())):
@@ -154,6 +153,8 @@ class Census:
                 counted[self._motion(there, bool(sense), where, x, h, size)] += 1
             told = ", ".join(f"{count} {what}" for what, count in counted.items())
             self.evidence.append(f"{len(starts)} motions{sense}: {told}")
+        if self.running:
+            self.evidence.append(self.running)
 
     def _motion(self, there: System, sense: bool, where: str, x: Array, h: float, size: Array) -> str:
         """Follow a motion; return what it came to, for people."""
@@ -167,11 +168,19 @@ class Census:
                 orbit = _turned(met.orbit) if sense else met.orbit
                 if self.consider(orbit, f"a motion from {where}", near=True):
                     return "came to a cycle"
+                if self.family:
+                    return "came to one of a continuous family of cycles"
                 self.failures += 1
             elif met.kind == "known":
                 return "came to a cycle found already"
             elif met.kind == "rest":
                 return "came to rest"
+            elif met.kind == "running":
+                name, period = met.turns
+                self.running = (
+                    f"{name} goes on by a turn every {period:.6g} s: a running motion, which is no cycle here"
+                )
+                return "run on"
             elif met.kind == "unbounded":
                 return "left every bound"
         if self.unsettled < MOST_FAILURES:
@@ -182,13 +191,20 @@ class Census:
                     self._keep(cycle.orbit(), f"a motion from {where}", cycle.mark())
                     return "came to a cycle"
             self.unsettled += 1
+        self.undecided += 1
         said = f"a motion from {where} has neither settled nor come back to itself"
         self.evidence += [said] if said not in self.evidence else []
         return "undecided"
 
-    def consider(self, orbit: Orbit, origin: str, *, near: bool = False) -> bool:
+    def look_beside(self) -> None:
+        """Consider what each cycle found lets expect beside it."""
+        for orbit in self.found:  # which may grow meanwhile
+            for what, guess in () if time_is_over() else relatives(self.system, orbit):
+                self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
+
+    def consider(self, orbit: Orbit, origin: str, *, near: bool = False, finer: tuple[int, ...] = FINER) -> bool:
         """Polish a candidate and keep the cycle, if it is new; tell whether there is one (near it, if asked)."""
-        polished = self.polished(orbit, () if near else FINER)
+        polished = self.polished(orbit, () if near else finer)
         if polished is None:
             if not near:
                 self.evidence.append(
@@ -206,7 +222,7 @@ class Census:
         same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
         if same is None:
             self.found.append(polished)
-            self.marks.append(signature(polished) if mark is None else mark)
+            self.marks.append(signature(polished)[: 1 + 3 * self.system.n] if mark is None else mark)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
         elif _unknown(self.found[same]) and not _unknown(polished):
             self.found[same] = polished
@@ -247,7 +263,8 @@ class Census:
             size = np.abs(orbit.coefficients).sum(axis=0)
             states = np.append(size, orbit.omega * size[list(system.second_order)])
             if not len(conserved_quantities(system, system.vector(), states)):
-                raise ModelError(_family(self.parameter, self.value))
+                self.family = family_message(system, self.parameter, found)
+                raise ConvergenceError(self.family, orbit=orbit)
         errors = {"omega": max(checked.closure, EXACT) * found.omega, "waveform": max(checked.closure, EXACT)}
         errors |= {c: max(checked.closure, EXACT) * peak for c, peak in checked.amplitudes.items()}
         return found.replace(errors=errors)
@@ -263,7 +280,9 @@ class Census:
         rest = nearest.orbit.coefficients[0] if nearest else np.zeros(self.system.n)
         closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
         about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
-        self.evidence.insert(0, f"no cycle at {self.parameter} = {self.value:.6g}: {about}; {text}")
+        still = f"; {self.running}" if self.running else ""
+        still += f"; {self.undecided} motion(s) stay undecided" if self.undecided else ""
+        self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
 
 
 def _distinct(points: list[SpecialPoint]) -> list[SpecialPoint]:
@@ -286,16 +305,6 @@ def _turned(orbit: Orbit) -> Orbit:
     c = orbit.coefficients.copy()
     c[2::2] *= -1  # of the sines
     return orbit.replace(coefficients=c)
-
-
-def _state(system: System, start: Start) -> Array:
-    """Return the state of a start, shape (n_states,)."""
-    if isinstance(start, Orbit | Trajectory | dict):
-        return initial_state(system, start)[1]
-    x = np.zeros(system.n_states)
-    given = np.asarray(start, dtype=float).ravel()
-    x[: len(given)] = given
-    return x
 
 
 def _before(equations: Equations, hopf: SpecialPoint, first: Orbit, value: float) -> list[Orbit]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from hbbogie.branches.collocated import collocated_trace
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
+from hbbogie.branches.motions import STATES, cycle_after
 from hbbogie.branches.switching import first_beyond
 from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over, time_limit
@@ -23,7 +24,7 @@ from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
 from hbbogie.model.ranges import check_interval
-from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results import Branch, Orbit, SpecialPoint, Trajectory
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.arclength import advance, point_at, walk
@@ -36,10 +37,10 @@ SHORTEST = 1e-7  # step at which the continuation gives up
 CAREFUL = 0.05  # longest first step from a Hopf point, in units of the usual one
 
 
-@door(equations=(Equations, ExactEquations, CollocationEquations), start=(Orbit, SpecialPoint), parameter=str)
+@door(equations=(Equations, ExactEquations, CollocationEquations), start=(Orbit, SpecialPoint, *STATES), parameter=str)
 def trace(
     equations: Equations | ExactEquations | CollocationEquations,
-    start: Orbit | SpecialPoint,
+    start: Orbit | SpecialPoint | Trajectory | Mapping[str, float] | Array,
     parameter: str,
     interval: tuple[float, float],
     *,
@@ -60,12 +61,13 @@ def trace(
         In closed form step lengths are chosen from the curvature, every cycle is judged, and branches that begin at
         special points other than Hopf points are not followed. By collocation the tolerance is that given there, and
         families do not occur.
-    start : Orbit or SpecialPoint
-        A cycle on or near the branch. From a Hopf point the branch is followed towards growing amplitude, beginning
-        where a gap first closes if the system is linear until then; from a branch point the branch that crosses;
-        from a pitchfork both asymmetric branches, through the symmetric cycle (the equations must keep even harmonics:
-        ``HarmonicBalance(H, odd=False)``); from a period doubling the cycles of twice the period (give twice
-        the harmonics: their first is half the frequency). From any other point its own branch is followed.
+    start : Orbit, SpecialPoint, Trajectory, mapping from name to value or ndarray
+        A cycle on or near the branch, or a state: the motion from it leads to the cycle. From a Hopf point the branch
+        is followed towards growing amplitude, beginning where a gap first closes if the system is linear until then;
+        from a branch point the branch that crosses; from a pitchfork both asymmetric branches, through the symmetric
+        cycle (the equations must keep even harmonics: ``HarmonicBalance(H, odd=False)``); from a period doubling the
+        cycles of twice the period (give twice the harmonics: their first is half the frequency). From any other point
+        its own branch is followed.
     parameter : str
         Name of the continuation parameter.
     interval : (float, float), unit of the parameter
@@ -107,13 +109,12 @@ def trace(
     H. B. Keller, in Applications of Bifurcation Theory, Academic Press 1977, 359-384 (eq-arclength).
     """
     lo, hi = check_interval(equations.system, parameter, interval)
+    start = start if isinstance(start, Orbit | SpecialPoint) else cycle_after(equations.system, start)
     if not isinstance(equations, Equations):
         steps = step, longest, max_points
         return _beside_the_waist(equations, start, parameter, (lo, hi), steps, stability, progress)
     if not (0 < step <= longest) or max_points < 2:
-        raise ModelError(
-            f"trace: step={step}, longest={longest}, max_points={max_points}; need 0 < step <= longest, 2 points."
-        )
+        raise ModelError(f"trace: {step=}, {longest=}, {max_points=}; need 0 < step <= longest, 2 points.")
     if equations.phase is None:
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
     special = start if isinstance(start, SpecialPoint) else None

@@ -11,10 +11,15 @@ from hbbogie.branches.continuation import trace
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
 from hbbogie.solving.solvers import solve
+
+COARSE = 15  # highest harmonic with which a family is looked at
+UNFOLDS = 1e-3  # share of a parameter's derivative along the left null vector beyond which it ends a family
 
 
 def branches_from_hopf(
@@ -46,7 +51,8 @@ def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]
     at: dict[str, Any] = {name: value}
     near = np.abs(V - value) <= 1e-9 * max(1.0, abs(value), float(np.ptp(V)))
     if (near[:-1] & near[1:]).any():
-        raise ModelError(_family(name, value))
+        at_value = equations.system.with_parameters(**at)
+        raise ModelError(family_message(at_value, name, branch.orbits[int(np.argmin(np.abs(V - value)))]))
     found = []
     for i in np.flatnonzero((V[:-1] - value) * (V[1:] - value) <= 0):
         a, b = branch.orbits[i], branch.orbits[i + 1]
@@ -64,8 +70,51 @@ def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]
     return found
 
 
-def _family(name: str, value: float) -> str:
-    return (
+def extent(name: str, branch: Branch) -> str:
+    """Return a sentence on where a branch, which has a name, was followed and why it ended."""
+    low, high = float(branch.values.min()), float(branch.values.max())
+    return f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}"
+
+
+def family_message(system: System, name: str, orbit: Orbit) -> str:
+    """Return what to say where the cycles at a value of a parameter form a continuous family, and what to try.
+
+    Parameters
+    ----------
+    system : System
+        At the value.
+    name : str
+        Of the parameter.
+    orbit : Orbit
+        A cycle of the family.
+    """
+    equations = HarmonicBalance(COARSE).equations(system).phased(orbit)
+    coordinate = system.coordinate_names[equations.phase or 0]
+    value = system.values[name]
+    said = (
         f"the cycles at {name} = {value:g} form a continuous family (as in a conservative system); ask for one by its "
-        f"amplitude: solve(equations, guess, amplitude={{coordinate: value}}, free={name!r})."
     )
+    said += f"amplitude, at {name} = {value:g}: "
+    free = _unfolding(equations, orbit)
+    if free is None:
+        said += "give the system a parameter for damping, such as d = 0, and free that: "
+    advice = f"solve(equations, guess, amplitude={{{coordinate!r}: size}}, free={free or 'd'!r})"
+    return f"{said}{advice}; {free or 'd'} stays as it is, for there are no cycles near by at other values."
+
+
+def _unfolding(equations: Equations, orbit: Orbit) -> str | None:
+    """Return a parameter with which the cycles of a family cease to be, so that it is determined; None without one.
+
+    The derivative of the equations in it is not orthogonal to the left null vector of that in the cycle.
+    """
+    system = equations.system
+    z, p = equations.encode(orbit), system.vector(**orbit.parameters)
+    best, largest = None, UNFOLDS
+    for place, name in enumerate(system.parameter_names):
+        J = equations.derivatives((place,))(z, p)[1].full() / equations.residual_scale[:, None]
+        psi, slope = np.linalg.svd(J[:, :-1] * equations.scale)[0][:, -1], J[:, -1]
+        size = float(np.linalg.norm(slope))
+        share = abs(float(psi @ slope)) / size if size else 0.0
+        if share > largest:
+            best, largest = name, share
+    return best

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.branches.census import Census
-from hbbogie.branches.crossing import _family
+from hbbogie.branches.crossing import family_message
 from hbbogie.branches.judging import verified
 from hbbogie.branches.same import once_each, samples
 from hbbogie.branches.simulated import NEAR, settled_cycles
@@ -116,7 +116,14 @@ def find_cycles(
         census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
         census.follow_branches()
         census.simulate()
-        found, undecided = (census.found, "") if census.found or time_is_over() else _longer(census)
+        census.look_beside()
+        found, undecided = census.found, ""
+        if census.family and not found:
+            raise ModelError(census.family)
+        if census.family:
+            census.evidence.append("a candidate is not isolated: it is one of a continuous family, or a fold is near")
+        if not found and census.undecided and not census.running and not time_is_over():
+            found, undecided = _longer(census)
         late = [f"the time limit of {limit:g} s was reached" if limit else LATE] if time_is_over() else []
         if not found and undecided and not late:
             raise ConvergenceError(undecided, statistics={"evidence": tuple(census.evidence)})
@@ -143,8 +150,9 @@ def _longer(census: Census) -> tuple[list[Orbit], str]:
                 return [polished], ""
             census.evidence.append(f"motions of up to the longest time: {error}")
             return [], str(error)
-        if not all(_isolated(HarmonicBalance(H).equations(system), cycle) for cycle in settled):
-            raise ModelError(_family(name, census.value))
+        for cycle in settled:
+            if not _isolated(HarmonicBalance(H).equations(system), cycle):
+                raise ModelError(family_message(system, name, cycle))
         for cycle in settled:
             census.consider(cycle, "a motion that settles")
         census.evidence.append(f"motions of up to the longest time settle on {len(settled)} cycle(s)")

@@ -11,7 +11,7 @@ import numpy as np
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.branches.cycles import ORDERS, find_cycles
-from hbbogie.branches.judging import estimate, judged, stability_of
+from hbbogie.branches.judging import estimate, stability_of
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import settled_cycles
 from hbbogie.brief import brief
@@ -120,8 +120,6 @@ def bifurcation_diagram(
         traced = about.traced(H, cycles or (), True, notes)
     branches = [b for b in traced if not is_family(b, interval)]
     named = _named("branch", branches) | about.beyond(branches, families, H, notes)
-    if stability:
-        named = {name: judged(system, b, progress, f"stability of {name}") for name, b in named.items()}
     return Diagram(
         parameter, interval, hopf, named, _named("family", families), cycles or [], tuple(dict.fromkeys(notes))
     )

@@ -1,4 +1,4 @@
-"""Judging cycles: stability, with more harmonics where it is unknown, and error estimates."""
+"""Judging cycles: stability, of the cycle polished by shooting where it is unknown, and error estimates."""
 
 from __future__ import annotations
 
@@ -7,18 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbbogie.deadline import time_is_over
-from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie import fourier
 from hbbogie.model.system import System
-from hbbogie.progress import Progress, silent
 from hbbogie.results import Orbit, Stability
 from hbbogie.results.branch import Branch
 from hbbogie.results.failure import FAILURES, ConvergenceError
-from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.verification import verify
 
-MOST_HARMONICS = 63  # with which a cycle is judged when fewer do not suffice
+EXACT = 1e-3  # error of the trivial multiplier beyond which a cycle without a verdict is polished
+NEAR, FAR = 0.01, 0.5  # distance in frequency and, relative to the peaks, in waveform of a polished cycle
 
 
 def estimate(system: System, branches: Sequence[Branch], H: int, tolerance: float) -> tuple[float, list[str]]:
@@ -43,27 +41,8 @@ def estimate(system: System, branches: Sequence[Branch], H: int, tolerance: floa
     return error, [f"Harmonics up to {H}: {text}."]
 
 
-def judged(system: System, branch: Branch, progress: Progress = silent, message: str = "stability") -> Branch:
-    """Return the branch with the stability of every cycle.
-
-    Parameters
-    ----------
-    system : System
-    branch : Branch
-    progress : callable
-        Called with (message, fraction done).
-    message : str
-    """
-    orbits, neutral = [], {id(s.orbit) for s in branch.special}  # where more harmonics change nothing
-    for i, orbit in enumerate(branch.orbits):
-        progress(message, i / len(branch))
-        kept = id(orbit) in neutral or time_is_over()
-        orbits.append(orbit if kept else orbit.replace(stability=stability_of(system, orbit)))
-    return branch.with_orbits(orbits)
-
-
 def stability_of(system: System, orbit: Orbit) -> Stability | None:
-    """Return the stability of a cycle; where it is unknown, that of the same cycle with more harmonics.
+    """Return the stability of a cycle; where it is unknown, that of the cycle polished by shooting.
 
     Parameters
     ----------
@@ -80,19 +59,30 @@ def stability_of(system: System, orbit: Orbit) -> Stability | None:
         first = orbit.stability or floquet(system, orbit)
     except FAILURES:
         return None
-    verdict, finer = first, orbit
-    while verdict.verdict == "unknown" and 0 < finer.H <= MOST_HARMONICS // 2:
-        try:
-            equations = HarmonicBalance(2 * finer.H + 1).equations(system)
-            finer = solve(equations, finer, method="newton", **orbit.parameters)  # type: ignore[call-overload]
-            if abs(finer.omega - orbit.omega) > 0.01 * orbit.omega:
-                break  # another cycle, as may happen close to a fold
-            verdict = floquet(system, finer)
-        except FAILURES:
-            break
-    if verdict is first or verdict.verdict == "unknown":
-        return first
-    return replace(verdict, reason=f"{verdict.reason} Judged with harmonics up to {finer.H}.")
+    return first if clear(first) else polished_stability(system, orbit) or first
+
+
+def clear(stability: Stability) -> bool:
+    """Tell whether a verdict is one, or will not become one for a better cycle."""
+    return stability.verdict != "unknown" or stability.trivial_error <= EXACT
+
+
+def polished_stability(system: System, orbit: Orbit) -> Stability | None:
+    """Return the stability of the cycle that shooting leads to; None where that is another cycle, or none.
+
+    Multipliers of half a period are kept where `floquet` gives them for the orbit.
+    """
+    try:
+        checked = verify(system, orbit)
+        if abs(checked.omega_error) > NEAR * orbit.omega or checked.waveform_error > FAR:
+            return None
+        found = [checked.orbit.stability]
+        if fourier.is_odd(orbit.coefficients):
+            found.insert(0, floquet(system, checked.orbit))
+    except FAILURES:
+        return None
+    best = next((s for s in found if s is not None and clear(s)), None)
+    return best and replace(best, reason=f"{best.reason} Judged on the cycle polished by shooting.")
 
 
 def verified(system: System, orbit: Orbit) -> tuple[Orbit, float]:

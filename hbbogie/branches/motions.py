@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
-from hbbogie.branches.same import signature
+from hbbogie.branches.same import BLOCKS, of_prime_period, signature
 from hbbogie.deadline import time_is_over
+from hbbogie.equilibria.census import Start
+from hbbogie.equilibria.rest import angles_of
+from hbbogie.errors import ModelError
 from hbbogie.model.system import System
-from hbbogie.motion.integration import states_after
-from hbbogie.results import Orbit
+from hbbogie.motion.integration import initial_state, states_after
+from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
 CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
@@ -26,6 +30,8 @@ NEAR = 0.1  # distance from an equilibrium, likewise, beyond which a motion that
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
+TURN = 2 * np.pi
+STATES = (Trajectory, Mapping, np.ndarray)  # types of what gives a state
 HARMONICS = 255  # of the recurrence, at most
 AROUND, FINE = 4, 200  # samples on each side of a recurrence, and places looked at between two of them
 CANDIDATES = 6  # samples near which the end of a motion may be met before
@@ -38,15 +44,18 @@ class Recurrence:
 
     Attributes
     ----------
-    kind : {"cycle", "known", "rest", "undecided", "unbounded"}
+    kind : {"cycle", "known", "rest", "running", "undecided", "unbounded"}
     orbit : Orbit or None
         Its last recurrence.
     after : float, s
+    turns : tuple of (str, float)
+        Of a running motion: the angle that grows or falls by a turn, and in which time [s].
     """
 
     kind: str
     orbit: Orbit | None
     after: float
+    turns: tuple[str, float] = ("", 0.0)
 
 
 def sample_distance(eigenvalues: NDArray[np.complex128]) -> float:
@@ -58,6 +67,47 @@ def sample_distance(eigenvalues: NDArray[np.complex128]) -> float:
         sizes = np.abs(eigenvalues[np.abs(eigenvalues) > 0])
         rate = float(np.median(sizes)) if len(sizes) else 1.0
     return float(2 * np.pi / rate / PER_PERIOD)
+
+
+def state_of(system: System, start: Start) -> Array:
+    """Return the state of a start, shape (n_states,)."""
+    if isinstance(start, Orbit | Trajectory | Mapping):
+        return initial_state(system, start)[1]
+    x = np.zeros(system.n_states)
+    try:
+        given = np.asarray(start, dtype=float).ravel()
+        if len(given) not in (system.n, system.n_states):
+            raise ValueError
+        x[: len(given)] = given
+    except (TypeError, ValueError):
+        raise ModelError(
+            f"start: got {start!r}; give a state of {system.n} or {system.n_states} numbers, values by name, a "
+            "trajectory, an orbit or a special point."
+        ) from None
+    return x
+
+
+def cycle_after(system: System, start: Start) -> Orbit:
+    """Return the cycle that the motion from a state comes to.
+
+    Raises
+    ------
+    ConvergenceError
+        Where it comes to rest, leaves every bound or is undecided.
+    """
+    x = state_of(system, start)
+    kind, orbit = "undecided", None
+    h = sample_distance(np.linalg.eigvals(system.state_matrix(x, system.vector())).astype(complex))
+    size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max(initial=1e-300))
+    for met in recurrences(system, x, h, size, []):
+        kind, orbit = met.kind, met.orbit
+    if orbit is None or kind in ("rest", "unbounded"):
+        ends = {"rest": "comes to rest", "unbounded": "leaves every bound"}
+        raise ConvergenceError(
+            f"the motion from the start {ends.get(kind, 'has not come back to itself')}: there is no cycle to begin "
+            "with. What to try: another state, or a cycle of find_cycles."
+        )
+    return of_prime_period(verify(system, orbit).orbit)
 
 
 def recurrences(system: System, x: Array, h: float, size: Array, known: list[Array]) -> Iterator[Recurrence]:
@@ -87,7 +137,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         except ConvergenceError:
             yield Recurrence("undecided", orbit, elapsed)
             return
-        if not np.isfinite(states).all() or (np.abs(states[-1]) > 1e6 * size).any():
+        if not np.isfinite(states).all() or (np.abs(states) > 1e6 * size).any():
             yield Recurrence("unbounded", None, elapsed)
             return
         x, elapsed = states[-1], elapsed + CHUNK * h
@@ -97,6 +147,9 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         calm = calm and (np.ptp(states[-CHUNK // 4 :], axis=0) <= 0.9 * spread + 1e-9 * size).all()
         if calm and _near_equilibrium(system, x, p, size):
             yield Recurrence("rest", None, elapsed)
+            return
+        if (turns := _running(system, states, h)) is not None:
+            yield Recurrence("running", None, elapsed, turns)
             return
         found = _recurrence(states, spread)
         if found is None:
@@ -109,7 +162,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         if gap <= closest:
             closest = gap / CLOSER
             orbit = _orbit(system, states, back, h, p)
-            width = np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), 3)
+            width = np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), BLOCKS)
             if any(_alike(signature(orbit), other, width) for other in known):
                 yield Recurrence("known", orbit, elapsed)
                 return
@@ -117,6 +170,25 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         if back > CHUNK // 4:
             h *= 2
     yield Recurrence("undecided", orbit, elapsed)
+
+
+def _running(system: System, states: Array, h: float) -> tuple[str, float] | None:
+    """Return an angle that goes on by a turn while all else comes back, and the time of a turn; None without one."""
+    for i in np.flatnonzero(angles_of(system)):
+        back = np.abs(states[:, i] - states[-1, i])
+        if back[0] < 3 * TURN:
+            continue
+        k = int(np.flatnonzero(back >= TURN)[-1])  # the last sample a turn ago
+        if len(states) - k < 12:
+            continue
+        share = (back[k] - TURN) / (back[k] - back[k + 1])
+        then = states[k] + share * (states[k + 1] - states[k])
+        others = np.arange(len(then)) != i
+        away = np.abs(states[-1] - then)[others]
+        moving = np.maximum(np.ptp(states[k:], axis=0), np.abs(states[k:]).max(axis=0))[others]
+        if (away <= RECURS * moving).all():
+            return system.coordinate_names[i], float((len(states) - 1 - k - share) * h)
+    return None
 
 
 def _alike(mark: Array, known: Array, width: Array) -> bool:

@@ -11,6 +11,7 @@ from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
 SAMPLES = 4096
+BLOCKS = 5  # numbers of a signature for each coordinate
 SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
 AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
 ABSENT = 1e-6  # share of a coordinate's largest harmonic up to which another one is not there
@@ -18,9 +19,19 @@ RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and di
 
 
 def signature(orbit: Orbit) -> Array:
-    """Return frequency [rad/s], then means, smallest and largest values of the coordinates, shape (1 + 3 n,)."""
-    q = samples(orbit)
-    return np.concatenate([[orbit.omega], orbit.coefficients[0], q.min(axis=0), q.max(axis=0)])
+    """Return what tells a cycle from others wherever its time begins, shape (1 + BLOCKS n,).
+
+    Frequency [rad/s], then means, smallest and largest values of the coordinates, and sums over the harmonics of the
+    sine and the cosine of the angle between each and the next one, times their amplitudes, relative to the range of the
+    next. The latter tell waves of one shape that run in different directions.
+    """
+    q, c = samples(orbit), orbit.coefficients
+    low, high = q.min(axis=0), q.max(axis=0)
+    cos, sin = c[1::2], c[2::2]
+    cos_next, sin_next = (np.roll(a, -1, axis=1) for a in (cos, sin))
+    next_range = np.roll(np.maximum(high - low, 1e-6 * np.ptp(q, axis=0).max(initial=1e-300)), -1)
+    across, along = (cos * sin_next - sin * cos_next).sum(axis=0), (cos * cos_next + sin * sin_next).sum(axis=0)
+    return np.concatenate([[orbit.omega], c[0], low, high, across / next_range, along / next_range])
 
 
 def samples(orbit: Orbit) -> Array:
@@ -32,10 +43,10 @@ def samples(orbit: Orbit) -> Array:
 
 
 def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
-    """Tell whether two cycles have the same period, means and extremes; mirror images have not."""
+    """Tell whether two cycles have the same period and signature; mirror images have not."""
     if abs(a.omega - b.omega) > share * a.omega:
         return False
-    first, second = (signature(o)[1:].reshape(3, -1) for o in (a, b))
+    first, second = (signature(o)[1:].reshape(BLOCKS, -1) for o in (a, b))
     width = first[2] - first[1]
     width = np.maximum(width, 1e-6 * width.max())
     far = max(min(AS_FAR * share, 0.3), ROUGH if max(a.tail, b.tail) > RESOLVED else 0.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
 from hbbogie.critical.fold_curve import FoldCurve
-from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane
+from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane, unresolved
 from hbbogie.critical.hopf_curve import HopfCurve
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door, whole
@@ -226,7 +226,8 @@ class _Search:
     def chart(self, secondary: bool) -> Chart:
         """Return what was found."""
         hopf = tuple(self._hopf_curve(found) for found in self.hopf)
-        folds = tuple(self._fold_curve(found) for found in self.folds)
+        folds = tuple(map(self._fold_curve, self.folds))
+        self.notes += filter(None, (unresolved(found, self.names[1]) for found in self.folds))
         ranges = [_gaps(curves, self.interval) for curves in (folds, hopf)]
         system, (name, over) = self.equations.system, self.names
         units = [system.parameter(n).unit for n in self.names]
@@ -245,12 +246,8 @@ class _Search:
             kind = {"fold": "folds", "hopf": "Hopf points"}[curve.kind]
             self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if end.kind not in EXPECTED]
         texts = [f"{system.parameter(n).description} {n}".strip() for n in self.names]
-        special = [
-            p
-            for kind, many in (("hopf", self.hopf), ("fold", self.folds))
-            for f in many
-            for p in self._special(kind, f)
-        ]
+        kinds = ("hopf", self.hopf), ("fold", self.folds)
+        special = [p for kind, many in kinds for f in many for p in self._special(kind, f)]
         return Chart(
             system=system.name,
             parameter=name,

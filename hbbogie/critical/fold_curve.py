@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
+from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
@@ -92,6 +93,10 @@ class FoldCurve:
         scaled = F / self.rows, J / self.rows[:, None] * self.size, H * np.outer(self.size, self.size)
         self._last = u, scaled
         return scaled
+
+    def doubt(self, point: Point) -> str:
+        """Return why the cycle at a point is not resolved; empty where it is."""
+        return doubt_at_fold(self.equations.system, self.problem.orbit(point.u[: self.m + 2], "a fold"))
 
     def settle(self, u: Array) -> None:
         """Normalise the null vector by its value here."""

@@ -127,3 +127,14 @@ def passes(found: Followed, special: SpecialPoint, value: float) -> bool:
         if point is not None and (np.abs(plane(curve, point)[:2] - goal) <= SAME * size).all():
             return True
     return False
+
+
+def unresolved(found: Followed, name: str) -> str:
+    """Return a sentence about the folds of a curve that are not resolved; empty where all are."""
+    over = [plane(found.curve, point)[2] for point in found.points if found.curve.doubt(point)]
+    if not over:
+        return ""
+    return (
+        f"On a curve of folds {len(over)} of {len(found.points)} are not resolved and perhaps not there, for "
+        f"{name} from {min(over):.6g} to {max(over):.6g}; take more harmonics."
+    )

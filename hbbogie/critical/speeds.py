@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hbbogie.branches.continuation import trace
+from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import fold
 from hbbogie.critical.harmonic_error import with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
@@ -91,9 +92,17 @@ def critical_speeds(
         if time_is_over() and not search.undecided:
             search.undecided.append("the time limit was reached before all was searched")
         inside = [
-            with_error(system, c, harmonics) if c.kind == "fold" else c for c in search.found if lo <= c.value <= hi
+            _with_doubt(system, with_error(system, c, harmonics)) if c.kind == "fold" else c
+            for c in search.found
+            if lo <= c.value <= hi
         ]
     return Criticals(sorted(inside, key=lambda c: c.value), search.evidence, search.undecided)
+
+
+def _with_doubt(system: System, fold: Critical) -> Critical:
+    """Return a fold whose status says so where its cycle is not resolved."""
+    doubt = doubt_at_fold(system, fold.orbit)
+    return replace(fold, status=f"{fold.status}; {doubt}") if doubt else fold
 
 
 @dataclass(eq=False)

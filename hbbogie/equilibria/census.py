@@ -24,6 +24,7 @@ MANY, FEW = 100, 3  # unknowns from which the starts at rest are few, so many
 MOST_BRANCHES = 40
 IN_FAMILY = 1e-8  # singular value below which an equilibrium from a random start is one of a family, not near a fold
 ROUND_OFF = 1e-9  # share of its scale up to which a coordinate may be zero
+CROWD = 1e-8  # share of the interval within which equilibria from random values of the parameter have the same one
 RANK = 1e-10  # smallest singular value, relative to the largest, of equations whose solutions form a curve
 
 Start = Orbit | Trajectory | Mapping[str, float] | Sequence[float] | Array
@@ -134,6 +135,7 @@ def _part(rest: Rest, span: tuple[float, float], state: Array, value: float | No
         tried, converged, outside = tried + count, converged + int(found.sum()), outside + int((found & ~inside).sum())
         roots = roots[inside]
         alone = ~rest.singular(roots, IN_FAMILY) if len(roots) else inside[:0]
+        alone &= ~(free[inside] & _crowded(roots[:, -1], free[inside], span))
         in_families = np.append(in_families, roots[~alone, -1])
         known = np.concatenate([known, roots[alone]])
         box = box.seen(rest, known)
@@ -154,6 +156,14 @@ def _part(rest: Rest, span: tuple[float, float], state: Array, value: float | No
         notes.append(f"equilibria that form continuous families {place} are not followed: give one as start=")
     notes.insert(0, head)
     return Part(rest, box, tuple(branches)), [*rest.level.text, *notes]
+
+
+def _crowded(values: Array, free: NDArray[np.bool_], span: tuple[float, float]) -> NDArray[np.bool_]:
+    """Tell which values of the parameter two more of the free starts have come to: theirs is a family at one value."""
+    width = span[1] - span[0]
+    inside = (values - span[0] > CROWD * width) & (span[1] - values > CROWD * width)
+    near = np.abs(values[:, None] - values) <= CROWD * width
+    return np.asarray(inside & ((near & free).sum(axis=1) > 2))
 
 
 def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[str]) -> list[RestBranch]:

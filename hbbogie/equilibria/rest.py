@@ -85,7 +85,7 @@ class Rest:
     @property
     def angles(self) -> NDArray[np.bool_]:
         """Which coordinates are angles: a whole turn changes no equation at rest, shape (n,)."""
-        return self.system.once("angles", lambda: _angles(self.system))
+        return self.system.once("angles", lambda: angles_of(self.system))
 
     def vector(self, value: float) -> Array:
         """Return the parameter vector at a value of the parameter."""
@@ -215,7 +215,8 @@ def conserved(system: System, parameter: str, values: tuple[float, float], start
     return Level(directions / np.abs(directions).max(axis=0), rows, rows @ start, len(rows) + int(still.sum()), text)
 
 
-def _angles(system: System) -> NDArray[np.bool_]:
+def angles_of(system: System) -> NDArray[np.bool_]:
+    """Return which coordinates are angles: a whole turn changes no equation, shape (n,)."""
     n = system.n
     turned = np.zeros(n, dtype=bool)
     q = np.random.default_rng(7).uniform(-1, 1, n)

@@ -61,6 +61,8 @@ def critical_of(
         return Report(system.name, notes=(note, *missing), data={"complete": searched.complete})
     first = found[0]
     notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
+    if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
+        notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
     if found[-1].extremum == "maximum":
         notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
     progress("where rest and cycles coexist", None)
@@ -71,7 +73,7 @@ def critical_of(
             + " the equilibrium is stable and cycles exist: a disturbance larger than the unstable cycle starts them."
         )
     figures = _bars(found, system)
-    data: dict[str, Any] = {"complete": searched.complete}
+    data: dict[str, Any] = {"complete": searched.complete, "evidence": list(searched.evidence)}
     data["critical"] = [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]
     data["coexistence"] = [{"interval": c.interval} for c in both]
     tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hbbogie.brief import lines
 from hbbogie.results.ending import Ending
 from hbbogie.results.netcdf import read, write
-from hbbogie.results.orbit import Orbit, labels_of, pack, unpack
+from hbbogie.results.orbit import NOT_RESOLVED, Orbit, labels_of, pack, unpack
 from hbbogie.results.pictures import draw, page
 from hbbogie.units import readable
 
@@ -66,6 +66,11 @@ class SpecialPoint:
     onward: Orbit | None = None
     criticality: str = ""
     extremum: str = ""
+
+    @property
+    def resolved(self) -> bool:
+        """Whether nothing speaks against the point: of a fold, that the multipliers of its cycle meet at 1."""
+        return NOT_RESOLVED not in self.status
 
     @property
     def omega(self) -> float:

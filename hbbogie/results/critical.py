@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbbogie.brief import lines
-from hbbogie.results.orbit import Orbit
+from hbbogie.results.orbit import NOT_RESOLVED, Orbit
 from hbbogie.results.pictures import page
 
 SHOWN = 5  # largest elasticities shown
@@ -73,6 +73,11 @@ class Critical:
         rows = [(naming.plain(n), f"{self.gradient[n]:.5g}", f"{elastic[n]:+.4g}") for n in order]
         head = "parameter", f"d{self.parameter} by it", "% for 1 %"
         return page(repr(self), [head, *rows] if rows else ())
+
+    @property
+    def resolved(self) -> bool:
+        """Whether nothing speaks against the point: of a fold, that the multipliers of its cycle meet at 1."""
+        return NOT_RESOLVED not in self.status
 
     @property
     def elasticities(self) -> dict[str, float]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 PEAKS = 8  # shown at most
+NOT_RESOLVED = "not resolved"  # what the status of a fold says that more harmonics may move or remove
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 MARGIN = 5.0  # distance from the unit circle, in errors of the trivial multiplier, beyond which the side is certain
+CANDIDATES = 0.3  # distance from 1 up to which a multiplier may be the trivial one
 ALIGNED = 0.999  # ratio of cosines of angles with the motion's direction above which they count as equal
 
 
@@ -190,7 +191,7 @@ def judge(
     values, vectors = np.linalg.eig(matrix)
     order = np.argsort(-np.abs(values), kind="stable")
     values, vectors = values[order].astype(complex), level @ vectors[:, order]
-    trivial = _trivial(values, vectors, tolerance, motion)
+    trivial = _trivial(values, vectors, motion)
     multipliers = values**parts
     error, liouville = float(abs(multipliers[trivial] - 1)), abs(log_det - trace) / max(1.0, abs(trace))
     doubt = ""
@@ -223,10 +224,13 @@ def judge(
     return Stability(verdict, values[order] ** parts, error, outside, reason, halves, critical, mode)
 
 
-def _trivial(values: Complex, vectors: Complex, tolerance: float, motion: Motion | None) -> int:
-    """Return the place of the trivial multiplier: the one near 1 whose vector has the direction of the motion."""
+def _trivial(values: Complex, vectors: Complex, motion: Motion | None) -> int:
+    """Return the place of the trivial multiplier: of those near 1 the one whose vector is the motion's direction.
+
+    Of a cycle that is not resolved another one may be nearer.
+    """
     distance = np.abs(values - 1)
-    near = np.flatnonzero(distance <= tolerance)
+    near = np.flatnonzero(distance <= CANDIDATES)
     if motion is None or len(near) < 2 or not np.isfinite(motion.rate).all():
         return int(np.argmin(distance))
     size = np.where(motion.size > 0, motion.size, 1.0)

@@ -77,7 +77,10 @@ def smallest_critical(
     for c in folds[:1]:
         outputs |= _values("fold", c.value, c.omega, c.gradient if gradients else {}) | {"fold_error": c.error}
         outputs |= {f"fold_{name}": c.orbit.amplitude(name) for name in system.nonlinear_coordinates}
-    said += [f"fold at {c.value:.6g}{'' if c.gradient else ', without gradient'}" for c in folds[:1]]
+    said += [
+        f"fold at {c.value:.6g}{'' if c.gradient else ', without gradient'}{'' if c.resolved else ', not resolved'}"
+        for c in folds[:1]
+    ]
     said += [f"no fold {where}"] * (not folds)
     return outputs | {"status": "; ".join([*said, *found.evidence]), "failed": not found.complete}
 

@@ -48,7 +48,7 @@ def cycles(
     -------
     dict
         ``cycles``, their number; of cycle k = 1, 2, ... ``omega_k`` [rad/s], ``peak_<coordinate>_k`` and
-        ``stability_k``.
+        ``stability_k``; ``evidence``, what was searched (see `find_cycles`).
     """
     found = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics)
     outputs: Outputs = {"cycles": len(found)}
@@ -56,6 +56,7 @@ def cycles(
         outputs[f"omega_{k}"] = orbit.omega
         outputs |= {f"peak_{c}_{k}": orbit.amplitude(c) for c in orbit.coordinates}
         outputs[f"stability_{k}"] = orbit.stability.verdict if orbit.stability else "unknown"
+    outputs["evidence"] = "; ".join(found.evidence)
     return outputs | {"status": f"{len(found)} cycle{'s' * (len(found) != 1)} found"}
 
 
@@ -243,7 +244,7 @@ def _unit(name: str, system: System, unit: str) -> str:
         return f"({unit or '1'})/({system.parameter(tail).unit or '1'})"
     if "_error_" in name or name == "depth":
         return "%"
-    if name in ("kind", "folds", "hopfs", "points", "cycles") or name.startswith("stability"):
+    if name in ("evidence", "kind", "folds", "hopfs", "points", "cycles") or name.startswith("stability"):
         return ""
     if "omega" in name:
         return "rad/s"

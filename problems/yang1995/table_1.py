@@ -21,7 +21,7 @@ from hbbogie import (
     solve,
     trace,
 )
-from hbbogie.branches import ORDERS, crossings, estimate, exact_crossings, exact_walk, judged
+from hbbogie.branches import ORDERS, crossings, estimate, exact_crossings, exact_walk
 from hbbogie.motion import settle
 from hbbogie.progress import Progress
 from hbbogie.reports import Report, Table
@@ -78,7 +78,6 @@ def study(system: System, progress: Progress) -> Report:
         error, resolved = estimate(system, [branch], H, TOLERANCE)
         if error <= TOLERANCE:
             break
-    branch = judged(system, branch)
     walk, closed = _in_closed_form(system, hopf[0])
     rows = []
     for i, state in enumerate(TABLE_1):

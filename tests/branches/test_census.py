@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.special import ellipk
 
 import hbbogie as hb
 from hbbogie.branches import of_prime_period
@@ -161,3 +162,101 @@ class TestConserved:
             level = [o.coefficients[0].sum() for o in branch.orbits]
             assert system is small or np.ptp(level) < 1e-9
         assert omegas[0] == pytest.approx(omegas[1], rel=1e-8)
+
+
+def test_advice_for_a_family_keeps_the_value():
+    """A pendulum at g = 1: damping is the parameter that its cycles determine; T = 4 K(sin^2(peak/2))."""
+    x, g, d = C("x"), P("g", 2.0), P("d", 0.0)
+    system = hb.System("pendulum", [x], [g, d], [x.ddot + d * x.dot + g * ca.sin(x)])
+    with pytest.raises(hb.ModelError, match=r"amplitude, at g = 1: solve\(.*amplitude={'x': size}, free='d'\)"):
+        hb.find_cycles(system, g=1.0)
+    c = np.array([[0.0], [1.0], [0.0]])
+    guess = hb.Orbit("pendulum", ("x",), ("",), c, 1.0, {"g": 1.0, "d": 0.0})
+    equations = hb.HarmonicBalance(15).equations(system.with_parameters(g=1.0))
+    cycle = hb.solve(equations, guess, amplitude={"x": 1.0}, free="d")
+    assert cycle.parameters["g"] == 1.0 and abs(cycle.parameters["d"]) < 1e-9
+    assert cycle.period == pytest.approx(4 * ellipk(np.sin(cycle.amplitude("x") / 2) ** 2), rel=1e-9)
+
+
+def test_a_family_without_a_parameter_that_ends_it():
+    """Lotka and Volterra's cycles about (1, 1) are a family for every a: said, and not an empty list."""
+    x, y, a = C("x"), C("y"), P("a", 1.0)
+    system = hb.System("prey", [x, y], [a], [x.dot - x * (a - y), y.dot + y * (1 - x)])
+    with pytest.raises(hb.ModelError, match=r"continuous family.*a parameter for damping"):
+        hb.find_cycles(system, a=1.0)
+
+
+def test_a_branch_from_a_state():
+    """A motion of the predator and its prey comes to the cycle, which begins at K = 33/17; from rest there is none."""
+    system = predator_prey()
+    equations = hb.HarmonicBalance(15).equations(system.with_parameters(K=2.2))
+    options = {"stability": False, "max_points": 40}
+    for start in ({"n": 0.5, "q": 0.5}, np.array([0.5, 0.5])):
+        branch = hb.trace(equations, start, "K", (1.5, 2.3), **options)
+        assert branch.values.min() == pytest.approx(33 / 17, abs=1e-3)
+    with pytest.raises(hb.ConvergenceError, match="comes to rest"):
+        hb.trace(hb.HarmonicBalance(5).equations(system.with_parameters(K=1.5)), np.array([0.5, 0.5]), "K", (1.0, 2.3))
+
+
+def test_critical_values_and_studies_carry_the_evidence():
+    system = predator_prey()
+    found = hb.critical_speeds(system, "K", (1.0, 3.0), harmonics=5)
+    assert [c.kind for c in found] == ["hopf"]
+    assert any("branch from the Hopf point at K = 1.94117647" in sentence for sentence in found.evidence)
+    rows = hb.sweep("cycles", {"K": [1.5]}, problem=system, options={"parameter": "K", "harmonics": 5}, workers=0)
+    assert "no cycle was found at K = 1.5" in str(rows["evidence"].values[0])
+
+
+def test_what_one_cycle_lets_expect():
+    """Roessler's equations beyond the period doubling: the cycle that goes round once, by shooting with DOP853."""
+    x, y, z, c = C("x"), C("y"), C("z"), P("c", 3.2)
+    system = hb.System("Roessler", [x, y, z], [c], [x.dot + y + z, y.dot - x - 0.2 * y, z.dot - 0.2 - z * (x - c)])
+    found = pairs(hb.find_cycles(system, c=3.2))
+    assert [v for _, v in found] == ["unstable", "stable"]
+    assert [T for T, _ in found] == pytest.approx([5.78971557, 11.53108104], rel=1e-7)
+
+
+def ring(N: int, m: float) -> hb.System:
+    """z' = z (m + 1 i - (1 - 1 i / 2) s) + 0.2 L z of N oscillators: L z is -N z for a wave, 0 in phase."""
+    m, q = P("m", m), [C(f"{a}{i}") for i in range(N) for a in "xy"]
+    equations = []
+    for i in range(N):
+        x, y = q[2 * i], q[2 * i + 1]
+        s, lx, ly = x * x + y * y, sum(q[::2]) - N * x, sum(q[1::2]) - N * y
+        equations += [
+            x.dot - (m * x - y - s * (x + y / 2) - 0.2 * lx),
+            y.dot - (m * y + x - s * (y - x / 2) - 0.2 * ly),
+        ]
+    return hb.System("ring", q, [m], equations)
+
+
+def test_waves_in_both_directions():
+    """A double pair at m = -0.6: waves with s = m + 0.6 run either way at 1 + s/2 rad/s; in phase s = m."""
+    found = hb.find_cycles(ring(3, 0.4), m=0.4)
+    waves = [o for o in found if abs(o.omega - 1.5) < 1e-6 and abs(o.amplitude("x0") - 1.0) < 1e-6]
+    turns = {float(np.sign(np.linalg.det(o.coefficients[1:3][:, [0, 2]]))) for o in waves}
+    assert len(waves) == 2 and turns == {-1.0, 1.0}
+    (together,) = (o for o in found if abs(o.amplitude("x0") - 0.4**0.5) < 1e-6)
+    assert together.omega == pytest.approx(1.2, rel=1e-9) and together.stability.verdict == "unstable"
+
+
+def test_branches_about_another_equilibrium_of_an_odd_system():
+    """Chua's circuit with a cubic, alpha^2 + 3 alpha = 63 at its Hopf points: mirror images with a mean."""
+    x, y, z, alpha = C("x"), C("y"), C("z"), P("alpha", 7.0)
+    system = hb.System(
+        "Chua", [x, y, z], [alpha], [x.dot - alpha * (y - (x**3 / 16 - x / 6)), y.dot - (x - y + z), z.dot + 14 * y]
+    )
+    found = hb.find_cycles(system, alpha=7.0, interval=(6.0, 8.0))
+    assert sum("from the branch from the Hopf point at alpha = 6.57774721" in s for s in found.evidence) == 2
+    one, other = (o.coefficients[0, 0] for o in found)
+    assert one == pytest.approx(-other, rel=1e-6) and one != 0
+
+
+def test_running_motions_are_named():
+    """A pendulum with torque I and damping d has no rest for I > 1: it runs on at about I / d."""
+    x, torque, d = C("x"), P("I", 1.5), P("d", 0.2)
+    system = hb.System("pendulum", [x], [torque, d], [x.ddot + d * x.dot + ca.sin(x) - torque])
+    none = hb.find_cycles(system, I=1.5)
+    assert none == [] and "no equilibrium" in none.evidence[0]
+    said = none.evidence[0].partition("x goes on by a turn every ")[2]
+    assert float(said.split(" ")[0]) == pytest.approx(2 * np.pi * 0.2 / 1.5, rel=1e-2)

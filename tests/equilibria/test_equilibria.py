@@ -449,3 +449,18 @@ class TestBounds:
     def test_wrong_ones(self):
         with pytest.raises(hb.ModelError, match="low < high"):
             C("x", bounds=(1.0, 0.0))
+
+
+def test_a_family_at_one_value_does_not_hide_the_others():
+    """Chua's circuit with a cubic: at alpha = 0 any x will do; beside zero x^2 = 8/3 rests at every alpha.
+
+    There alpha^2 + 3 alpha = 63 at the Hopf points, by the Hurwitz determinant.
+    """
+    x, y, z = (hb.Coordinate(name) for name in "xyz")
+    alpha = hb.Parameter("alpha", 9.0)
+    equations = [x.dot - alpha * (y - (x**3 / 16 - x / 6)), y.dot - (x - y + z), z.dot + 14 * y]
+    found = hb.find_equilibria(hb.System("Chua", [x, y, z], [alpha], equations), "alpha", (-24.0, 40.0))
+    assert len(found) == 3
+    values = sorted(s.value for s in found.special("hopf"))
+    root = 261**0.5
+    assert values == pytest.approx(sorted([(-3 - root) / 2, (-3 + root) / 2] * 2), rel=1e-9)

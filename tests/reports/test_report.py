@@ -168,7 +168,7 @@ def test_default_study_of_the_bautin_form():
     assert special["fold"] == pytest.approx(-0.25, abs=1e-8)  # -a^2/4 with a = 1
     assert {"branch"} == set(report.branches) and {"amplitude", "phase_portrait"} <= set(report.figures)
     assert report.branches["branch"].verdicts.count("unknown") <= 2  # next to the fold
-    assert any(f is not None and 0 <= f <= 1 for _, f in said) and any("tracing" in m for m, _ in said)
+    assert any("tracing" in message for message, _ in said)
 
 
 @pytest.mark.parametrize("name", ["duffing", "gap_oscillator"])
@@ -191,7 +191,7 @@ def test_default_study_where_nothing_is_found():
     assert not report.branches and any("No branch" in note for note in report.notes)
 
 
-def test_an_unknown_verdict_is_tried_with_more_harmonics():
+def test_an_unknown_verdict_is_that_of_the_polished_cycle():
     from hbbogie import HarmonicBalance, find_cycles, solve
 
     _, system = shipped("van_der_pol", mu=2.0)
@@ -199,7 +199,7 @@ def test_an_unknown_verdict_is_tried_with_more_harmonics():
     rough = solve(few, find_cycles(system, stability=False)[0])
     unknown = Stability("unknown", np.array([1.1, 0.1], complex), 0.1, 0, "rough.")
     better = stability_of(system, rough.replace(stability=unknown))
-    assert better.verdict == "stable" and "Judged with harmonics up to" in better.reason
+    assert better.verdict == "stable" and "Judged on the cycle polished by shooting" in better.reason
 
 
 def test_only_one_of_two_mirror_images_is_shown():
