@@ -18,6 +18,7 @@ from hbbogie.solving.curve import Dense, Point
 Array = NDArray[np.float64]
 STEP, LONGEST, MOST = 0.02, 0.1, 400  # in scaled arclength
 GROWING, LEGS = 4.0, 30  # a coordinate beyond so many of its scales gets a new one, so many times
+FARTHEST = 1e8  # scales of a coordinate beyond which a branch is given up
 GROWN = Ending("grown", "coordinates have outgrown their scales")
 HOME = Ending("home", "the first point is near")
 CLOSED = Ending("closed", "the curve closes on itself")
@@ -190,6 +191,8 @@ def _legs(rest: Rest, box: Box, start: Point) -> tuple[list[tuple[Array, Array]]
         if np.ptp([u[-1] for u, _ in found]) <= VERTICAL * box.scale[-1]:
             return found, Ending("vertical", f"{rest.parameter} stays the same along it"), curve.scale
         n = rest.system.n
+        if (np.abs(points[-1].u[:n]) > FARTHEST * box.scale[:n]).any():
+            break
         scale = curve.scale.copy()
         scale[:n] = np.maximum(scale[:n], 2 * np.abs(points[-1].u[:n]))
         home = start.u if np.linalg.norm((points[-1].u - start.u) / scale) > 2 * NEAR_HOME else None
