@@ -98,8 +98,8 @@ class _Table:
             )
         if d[-1] < d[0]:
             raise ModelError(
-                f"the rolling radius difference falls from {d[0]:g} to {d[-1]:g} mm over the table; it must grow with the "
-                "shift. Turn its sign, or that of the shift, if it is taken the other way round."
+                f"the rolling radius difference falls from {d[0]:g} to {d[-1]:g} mm over the table; it must grow with "
+                "the shift. Turn its sign, or that of the shift, if it is taken the other way round."
             )
         areas = np.append(0.0, np.cumsum(np.diff(y) * (d[1:] + d[:-1]) / 2))
         return cls(y, d, np.diff(d) / np.diff(y), areas)

@@ -143,8 +143,8 @@ class _Pair:
         inside &= np.isfinite(gap[rows, near - 1]) & np.isfinite(gap[rows, near + 1])
         if not inside.all():
             raise ModelError(
-                f"at a lateral shift of {abs(y[~inside][0]):g} mm {self.wheel.name} touches {self.rail.name} where one of "
-                "the profiles ends; give longer profiles, or smaller shifts."
+                f"at a lateral shift of {abs(y[~inside][0]):g} mm {self.wheel.name} touches {self.rail.name} where one "
+                "of the profiles ends; give longer profiles, or smaller shifts."
             )
         return self._refined(S[best], y, p, psi)
 
