@@ -229,9 +229,7 @@ def _points(where: str, text: str) -> tuple[Array, Array]:
             after = after or (number if rows and re.search(r"[^\W\d]", line) else 0)
         elif len(fields) != 2 or after:
             why = f"stands after the text of line {after}" if after else f"has {len(fields)} numbers"
-            raise ModelError(
-                f"{where}: line {number}, {line.strip()!r}, {why}; give one block of lines of two numbers."
-            )
+            raise ModelError(f"{where}: line {number}, {line.strip()!r}, {why}; give one block of two columns.")
         else:
             rows.append((fields[0], fields[1]))
     if len(rows) < FEWEST:

@@ -88,8 +88,8 @@ def test_wheel_is_read_in_any_format_and_orientation(tmp_path, line, before, aft
 
 @pytest.mark.parametrize("line", ["{};{}", "{} {}", "{}\t{}"])
 def test_decimal_commas(tmp_path, line):
-    text = "\n".join(line.format(*(f"{v:.4f}".replace(".", ",") for v in p)) for p in zip(POINTS, s1002_height(POINTS)))
-    (tmp_path / "wheel.txt").write_text(text, "utf-8")
+    path = write(tmp_path / "wheel.txt", POINTS, s1002_height(POINTS), line.replace("{}", "{:.4f}"))
+    path.write_text(path.read_text("utf-8").replace(".", ","), "utf-8")
     np.testing.assert_allclose(read_wheel(tmp_path / "wheel.txt").z, s1002_height(POINTS), atol=1e-4)
 
 
@@ -116,7 +116,7 @@ def test_what_is_under_an_overhang_is_left_out(tmp_path):
     ("text", "words"),
     [
         ("1 2\n" * 3, "3 lines of two numbers; give at least 10 points"),
-        ("1 2 3\n" * 12, r"line 1, '1 2 3', has 3 numbers; give one block of lines of two numbers"),
+        ("1 2 3\n" * 12, r"line 1, '1 2 3', has 3 numbers; give one block of two columns"),
         ("1 2\n" * 12 + "end\n3 4\n", "line 14, '3 4', stands after the text of line 13"),
         ("\n".join(f"{i} {0.1 * i}" for i in range(-9, 9)), "no point is more than 10 mm above or below"),
         ("\n".join(f"{i} {i}" for i in range(5, 50)), "shift it so that the rolling circle is at y = 0"),
