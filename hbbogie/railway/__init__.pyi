@@ -6,7 +6,6 @@ from .creep import Polach as Polach
 from .creep import Polach2005 as Polach2005
 from .creep import ShenHedrickElkins as ShenHedrickElkins
 from .creep import VermeulenJohnson as VermeulenJohnson
-from .creep import magnitude as magnitude
 from .ellipse import ContactEllipse as ContactEllipse
 from .ellipse import hertz_ellipse as hertz_ellipse
 from .ellipse import kalker_coefficients as kalker_coefficients

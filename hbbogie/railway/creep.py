@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from hbbogie.model.ramps import Scalar
+from hbbogie.model.removable import magnitude, quotient
 from hbbogie.model.scalars import check_scalars
 
 Forces = tuple[Scalar, Scalar]
@@ -26,27 +27,6 @@ class CreepLaw(Protocol):
 
     def force(self, xi: Scalar, eta: Scalar) -> Forces:
         """Return the longitudinal and the lateral force [N]."""
-
-
-def magnitude(*components: Scalar) -> ca.SX:
-    """Return the root of the sum of squares, with finite derivatives also where all components are zero.
-
-    ``casadi.sqrt(xi**2 + eta**2)`` has the derivative 0/0 at rest, and so has every law that is written with it.
-    With this function a law of the form f(magnitude) * xi has its exact slope f(0) there. What divides by the
-    magnitude needs ``casadi.if_else`` as well.
-
-    Parameters
-    ----------
-    *components : scalar
-        Of one unit.
-
-    Examples
-    --------
-    >>> from hbbogie.railway import magnitude
-    >>> float(magnitude(3.0, 4.0)), float(magnitude(0.0, 0.0))
-    (5.0, 0.0)
-    """
-    return _root(sum(c**2 for c in components))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,17 +207,16 @@ class Polach:
 
     def _gradient(self, eps: Scalar) -> Scalar:
         """Return the tangential force over the linear one, times 2."""
-        return 1 / (1 + eps**2) + _arctan_ratio(eps)
+        return 1 / (1 + eps**2) + quotient(ca.atan(eps), eps, 1)
 
     def _force(self, xi: Scalar, eta: Scalar, phi: Scalar) -> Forces:
         a, b, G = self.a, self.b, self.G
         square = xi**2 + eta**2
-        slip = _root(square)
         shifted = eta + phi * a
         lateral = ca.if_else(ca.fabs(shifted) > ca.fabs(eta), shifted, eta)  # effective lateral creepage
         total_square = xi**2 + lateral**2
-        total = _root(total_square)
-        mu = self._friction(slip)
+        total = magnitude(xi, lateral)
+        mu = self._friction(magnitude(xi, eta))
         moving = square > REST
         safe = ca.if_else(moving, square, 1)
         c = ca.sqrt((ca.if_else(moving, self.c11 * xi, 1)) ** 2 / safe + (self.c22 * eta) ** 2 / safe)
@@ -296,24 +275,12 @@ class Polach2005(Polach):
         return self.friction * ((1 - self.ratio) * ca.exp(-self.decay * self.speed * slip) + self.ratio)
 
     def _gradient(self, eps: Scalar) -> Scalar:
-        return self.adhesion / (1 + (self.adhesion * eps) ** 2) + self.slip * _arctan_ratio(self.slip * eps)
-
-
-def _root(square: Scalar) -> Scalar:
-    """Return the root, with the derivative 0 at zero."""
-    return ca.if_else(square > 0, ca.sqrt(ca.if_else(square > 0, square, 1)), 0)
-
-
-def _arctan_ratio(x: Scalar) -> Scalar:
-    """Return arctan(x)/x, which is 1 at zero."""
-    safe = ca.if_else(x > 0, x, 1)
-    return ca.if_else(x > 0, ca.atan(safe) / safe, 1)
+        return self.adhesion / (1 + (self.adhesion * eps) ** 2) + quotient(ca.atan(self.slip * eps), eps, self.slip)
 
 
 def _saturated(Fx: Scalar, Fy: Scalar, limit: Scalar) -> Forces:
-    square = (Fx**2 + Fy**2) / limit**2
-    u = _root(square)
-    e = ca.if_else(u < 3, 1 - u / 3 + square / 27, 1 / ca.fmax(u, 3))
+    u = magnitude(Fx, Fy) / limit
+    e = ca.if_else(u < 3, 1 - u / 3 + u**2 / 27, 1 / ca.fmax(u, 3))
     return e * Fx, e * Fy
 
 

@@ -14,7 +14,6 @@ from hbbogie.railway import (
     VermeulenJohnson,
     hertz_ellipse,
     kalker_coefficients,
-    magnitude,
 )
 
 F11, F22, F23, F33, LIMIT = 9.4e6, 8.7e6, 2.0e4, 60.0, 16.4e3
@@ -175,12 +174,6 @@ def test_hopf_point_of_a_wheelset_is_that_of_linear_creep(law):
     stiff = (ky - m * omega2) * (kpsi - inertia * omega2) + 4 * k11 * k22 * a * lam / r0
     assert point.value == pytest.approx(np.sqrt(4 * a**2 * k11 * k22 * omega2 / stiff), rel=1e-9)
     assert point.omega == pytest.approx(np.sqrt(omega2), rel=1e-9)
-
-
-def test_magnitude_has_a_slope_at_rest():
-    x = ca.SX.sym("x", 2)
-    law = -x[0] * (1 - magnitude(x[0], x[1]))
-    assert ca.Function("J", [x], [ca.jacobian(law, x)])([0, 0]).full().tolist() == [[-1.0, 0.0]]
 
 
 def test_what_is_refused():
