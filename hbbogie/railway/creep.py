@@ -80,7 +80,7 @@ class LinearKalker:
         return _evaluated(lambda xi, eta, phi: (self.f23 * eta - self.f33 * phi,), xi, eta, phi)[0]
 
     def _force(self, xi: Scalar, eta: Scalar, phi: Scalar) -> Forces:
-        return -self.f11 * xi + 0 * eta, -self.f22 * eta - self.f23 * phi
+        return -self.f11 * xi, -self.f22 * eta - self.f23 * phi
 
 
 @dataclass(frozen=True, eq=False)

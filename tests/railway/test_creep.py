@@ -176,6 +176,16 @@ def test_hopf_point_of_a_wheelset_is_that_of_linear_creep(law):
     assert point.omega == pytest.approx(np.sqrt(omega2), rel=1e-9)
 
 
+def test_coefficients_may_be_parameters():
+    """The derivative with respect to the limit is that of the closed form: e(u) F at u = F/limit."""
+    limit = Parameter("limit", LIMIT, "N", "friction")
+    F = ShenHedrickElkins(F11, F22, limit).force(2e-3, 0.0)[0]
+    value, slope = ca.Function("F", [limit], [F, ca.jacobian(F, limit)])(LIMIT)
+    u = F11 * 2e-3 / LIMIT
+    assert float(value) == pytest.approx(-LIMIT * (u - u**2 / 3 + u**3 / 27), rel=1e-14)
+    assert float(slope) == pytest.approx(-(u**2 / 3 - 2 * u**3 / 27), rel=1e-12)
+
+
 def test_what_is_refused():
     with pytest.raises(ModelError, match=r"ShenHedrickElkins: limit is 0; give a finite number above 0"):
         ShenHedrickElkins(F11, F22, 0.0)
