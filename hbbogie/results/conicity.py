@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import lines
+from hbbogie.results.pictures import draw, page
+
 Array = NDArray[np.float64]
+SHOWN = 6  # amplitudes shown at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,3 +39,18 @@ class Conicity:
     equivalent: Array
     least_squares: Array
     harmonic: Array
+
+    def __repr__(self) -> str:
+        pairs = zip(self.amplitude[:SHOWN], self.equivalent, strict=False)
+        more = f" and {len(self.amplitude) - SHOWN} more" if len(self.amplitude) > SHOWN else ""
+        return lines(
+            f"Equivalent conicity at {len(self.amplitude)} amplitudes",
+            ", ".join(f"{value:.4g} at {amplitude:g} mm" for amplitude, value in pairs) + more,
+        )
+
+    def _repr_html_(self) -> str:
+        return page(repr(self), (), "conicity", self)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw it over the amplitude; options and the axes returned as of `hbbogie.plot.conicity`."""
+        return draw("conicity", self, **options)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hbbogie.brief import lines
+from hbbogie.results.pictures import draw, page
 
 Array = NDArray[np.float64]
 
@@ -48,6 +52,22 @@ class ContactGeometry:
     wheel_left: Array
     rail_right: Array
     rail_left: Array
+
+    def __repr__(self) -> str:
+        difference, angles = self.radius_difference, np.degrees(np.append(self.angle_right, self.angle_left))
+        return lines(
+            f"Contact of {self.wheel} on {self.rail}: {len(self.shift)} lateral shifts, {self.shift.min():g} to "
+            f"{self.shift.max():g} mm",
+            f"rolling radius difference {difference.min():.4g} to {difference.max():.4g} mm",
+            f"contact angles {angles.min():.3g} to {angles.max():.3g} degrees",
+        )
+
+    def _repr_html_(self) -> str:
+        return page(repr(self), (), "contact", self)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw it over the lateral shift; options and the axes returned as of `hbbogie.plot.contact`."""
+        return draw("contact", self, **options)
 
     @property
     def radius_difference(self) -> Array:

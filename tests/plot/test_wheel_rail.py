@@ -45,3 +45,13 @@ def test_conicity_has_a_line_for_each_definition():
     ax = plot.conicity(curve)
     assert [line.get_ydata()[0] for line in ax.lines] == [0.1, 0.2, 0.3]
     assert [t.get_text() for t in ax.get_legend().get_texts()] == ["EN 15302", "least squares", "describing function"]
+
+
+def test_results_print_in_few_lines_and_draw_themselves():
+    found = made_up()
+    assert repr(found).startswith("Contact of wheel on rail: 5 lateral shifts, -2 to 2 mm\n")
+    assert len(found.plot(y="contact angle").lines) == 2
+    assert "<img" in found._repr_html_()
+    curve = Conicity(np.arange(1.0, 9.0), np.zeros(8), np.full(8, 0.1), np.full(8, 0.2), np.full(8, 0.3))
+    assert repr(curve).startswith("Equivalent conicity at 8 amplitudes\n") and "0.1 at 6 mm and 2 more" in repr(curve)
+    assert len(curve.plot().lines) == 3

@@ -178,7 +178,7 @@ def test_hopf_point_of_a_wheelset_is_that_of_linear_creep(law):
 
 def test_coefficients_may_be_parameters():
     """The derivative with respect to the limit is that of the closed form: e(u) F at u = F/limit."""
-    limit = Parameter("limit", LIMIT, "N", "friction")
+    limit = Parameter("muN", LIMIT, "N", "friction")
     F = ShenHedrickElkins(F11, F22, limit).force(2e-3, 0.0)[0]
     value, slope = ca.Function("F", [limit], [F, ca.jacobian(F, limit)])(LIMIT)
     u = F11 * 2e-3 / LIMIT
