@@ -29,7 +29,7 @@ def equivalent_conicity(shift: ArrayLike, difference: ArrayLike, amplitude: Arra
     Parameters
     ----------
     shift : array_like, shape (m,), mm
-        Lateral positions of the wheelset, increasing. EN 15302 asks for steps of at most 0.2 mm.
+        Lateral positions of the wheelset, increasing; steps of 0.1 mm are usual.
     difference : array_like, shape (m,), mm
         Rolling radius difference there, positive on the side to which the wheelset has moved, as the
         `radius_difference` of `contact_geometry`.
