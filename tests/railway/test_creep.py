@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from hbbogie import Coordinate, ModelError, Parameter, System, hopf_points
+from hbbogie import Coordinate, ModelError, Parameter, System, find_cycles, hopf_points, verify
 from hbbogie.railway import (
     ContactEllipse,
     LinearKalker,
@@ -251,3 +251,28 @@ def test_law_of_an_ellipse():
     area = 36e-6
     expected = (8e10 * area * 4.12, 8e10 * area * 3.67, 8e10 * area**1.5 * 1.47, 8e10 * area**2 * 1.19)
     assert (law.f11, law.f22, law.f23, law.f33) == pytest.approx(expected, rel=1e-12)
+
+
+def test_simple_bogie_without_flange():
+    """H. True's bogie of two coordinates: a rigid frame on two wheelsets, bounded by the saturation of creep alone.
+
+    Hopf point and cycles as computed by other programs; all their printed digits.
+    """
+    q1, q2 = Coordinate("q1", "m", "lateral"), Coordinate("q2", "rad", "yaw")
+    V = Parameter("V", 70.0, "m/s", "speed", (1.0, 300.0))
+    m, inertia, ha, D2, k4, k6, a, lam, r0 = 4963.0, 8135.0, 1.074, 29200.0, 0.1823e6, 2.71e6, 0.716, 0.05, 0.4572
+    law = VermeulenJohnson(6.563e6, 1e4, psi=0.54219, phi=0.60252)
+    (Fx1, Fy1), (Fx2, Fy2) = (
+        law.force(a * q2.dot / V + lam / r0 * (q1 + s * ha * q2), q1.dot / V - q2 + s * ha * q2.dot / V)
+        for s in (1, -1)
+    )
+    lateral = m * q1.ddot + 2 * D2 * q1.dot + 2 * k4 * q1 - 2 * (Fy1 + Fy2)
+    yaw = inertia * q2.ddot + k6 * q2 - 2 * ha * (Fy1 - Fy2) - 2 * a * (Fx1 + Fx2)
+    bogie = System("simple bogie", [q1, q2], [V], [lateral, yaw])
+    (hopf,) = hopf_points(bogie, "V", (60.0, 75.0))
+    assert hopf.value == pytest.approx(66.7408, abs=5e-5) and hopf.omega == pytest.approx(14.3392, abs=5e-5)
+    for speed, peak, omega in ((64.0, 0.038108, 12.954), (100.0, 0.037400, 15.499), (140.0, 0.034871, 16.662)):
+        cycle = verify(bogie, find_cycles(bogie, V=speed)[-1])  # exact, by shooting
+        assert cycle.orbit.stability.verdict == "stable"
+        assert cycle.amplitudes["q1"] == pytest.approx(peak, abs=5e-7)
+        assert cycle.orbit.omega == pytest.approx(omega, abs=5e-4)
