@@ -21,6 +21,7 @@ from hbbogie.reports import (
     Report,
     basin_of,
     comparison_of,
+    conicity_of,
     design_of,
     figures_of_paper,
     identification,
@@ -136,6 +137,11 @@ def attraction() -> Figure:
     return figure
 
 
+def conicity() -> Figure:
+    """Draw the equivalent conicity of S1002 on UIC60 over the amplitude."""
+    return conicity_of("s1002", "uic60").figures["conicity"]()
+
+
 def basin_report(module: ModuleType, system: hb.System) -> Report:
     """Return the scan along the shape of the unstable cycle."""
     return basin_of(module, system, speeds=41, amplitudes=60)[0]
@@ -159,7 +165,7 @@ def main(wanted: list[str]) -> None:
     """Draw the figures whose names are given, or all."""
     IMAGES.mkdir(exist_ok=True)
     own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, circuit_branches, bogie_basin]
-    own += [attraction, bogie_chart, bogie_cusps]
+    own += [attraction, bogie_chart, bogie_cusps, conicity]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)

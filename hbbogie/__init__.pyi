@@ -10,6 +10,7 @@ from . import model as model
 from . import motion as motion
 from . import parallel as parallel
 from . import plot as plot
+from . import railway as railway
 from . import reports as reports
 from . import results as results
 from . import solving as solving

@@ -17,6 +17,8 @@ from .problem import load_problem as load_problem
 from .problem import shipped_problems as shipped_problems
 from .problem import system_of as system_of
 from .ramps import Ramps as Ramps
+from .removable import magnitude as magnitude
+from .removable import quotient as quotient
 from .singular import poles as poles
 from .singular import singular_terms as singular_terms
 from .singular import without_poles as without_poles

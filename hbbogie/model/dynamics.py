@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hbbogie.brief import brief
 from hbbogie.errors import ModelError
 from hbbogie.model.checks import check_equations, check_names, orders
+from hbbogie.model.divisions import divisions
 from hbbogie.model.elements import AttachedLaw, Element, attach
 from hbbogie.model.symbols import Coordinate, Parameter
 from hbbogie.once import Once
@@ -159,7 +160,7 @@ def _check_leading_matrix(system: Dynamics) -> None:
     if not (np.isfinite(at_rest).all() and np.isfinite(at_rest_r).all()):
         raise ModelError(
             f"system {system.name!r}: the equations give {at_rest_r.ravel()} at rest with the default parameters; "
-            "they must be finite there (look for a division by zero or a NaN)."
+            f"they must be finite there. {_not_finite(system)}"
         )
     scale = np.abs(at_rest).max(axis=1, initial=0.0, keepdims=True)
     scaled = at_rest / np.where(scale > 0, scale, 1.0)
@@ -170,6 +171,25 @@ def _check_leading_matrix(system: Dynamics) -> None:
             f"system {system.name!r}: the mass matrix is singular at the default parameters (coordinates "
             f"{', '.join(guilty)}); give each coordinate a mass (second order) or a rate (first order)."
         )
+
+
+def _not_finite(system: Dynamics) -> str:
+    """Return a sentence on what makes the equations infinite or undefined at rest."""
+    q, v, a = (ca.vertcat(*s) for s in zip(*((c, c.dot, c.ddot) for c in system.coordinates), strict=True))
+    p = ca.vertcat(*system.parameters) if system.parameters else ca.SX(0, 1)
+    r = system.residual(q, v, a, p)
+    found = []
+    for i in range(system.n):
+        for what, expression in divisions(ca.Function("row", [q, v, a, p], [r[i]])(q, v, a, p)):
+            value = float(ca.Function("value", [q, v, a, p], [expression])(0, 0, 0, system.defaults))
+            if (value == 0 and "root" not in what) or (value < 0 and "divides" not in what):
+                found.append(f"equation {i + 1} {what} {expression}, which is {value:g} there")
+    if not found:
+        return "Look for a number that is infinite or not a number (NaN)."
+    return (
+        f"But {'; '.join(found)}. Where a quotient has a limit, write hbbogie.model.quotient(numerator, denominator, "
+        "limit), and hbbogie.model.magnitude(x, y) for the root of a sum of squares."
+    )
 
 
 def _residual(system: Dynamics) -> ca.Function:

@@ -36,16 +36,19 @@ def as_expression(what: str, given: Any) -> ca.SX:
 
 
 def check_scalars(law: Any, not_negative: str = "", above_zero: str = "") -> None:
-    """Raise `ModelError` unless all fields of a law are scalars; where they are numbers, of the sign asked for."""
+    """Raise `ModelError` unless all fields of a law are scalars; where they are numbers, of the sign asked for.
+
+    The names of the fields with a sign are separated by blanks.
+    """
+    signs = {**dict.fromkeys(not_negative.split(), ", 0 or more"), **dict.fromkeys(above_zero.split(), " above 0")}
     for field in fields(law):
         what = f"{type(law).__name__}: {field.name}"
         constant = as_expression(what, getattr(law, field.name))
         if not constant.is_constant():
             continue
         number = float(constant)
-        wrong = (field.name == not_negative and number < 0) or (field.name == above_zero and number <= 0)
-        if wrong or not np.isfinite(number):
-            allowed = {not_negative: ", 0 or more", above_zero: " above 0"}.get(field.name, "")
+        allowed = signs.get(field.name, "")
+        if (allowed and number < 0) or (allowed == " above 0" and number == 0) or not np.isfinite(number):
             raise ModelError(f"{what} is {number:g}; give a finite number{allowed}.")
 
 

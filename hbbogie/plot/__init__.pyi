@@ -36,3 +36,5 @@ from .studies import parameter_map as parameter_map
 from .studies import prediction as prediction
 from .studies import sample_scatter as sample_scatter
 from .studies import sensitivity as sensitivity
+from .wheel_rail import conicity as conicity
+from .wheel_rail import contact as contact

@@ -4,6 +4,7 @@ from .comparison import comparison_of as comparison_of
 from .comparison import table_of_errors as table_of_errors
 from .comparison import table_of_methods as table_of_methods
 from .comparison import verdicts as verdicts
+from .conicity import conicity_of as conicity_of
 from .critical import critical_of as critical_of
 from .cycle_tables import cycles_table as cycles_table
 from .cycles import figures_of_paper as figures_of_paper

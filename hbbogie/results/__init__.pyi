@@ -4,6 +4,8 @@ from .branch import SpecialPoint as SpecialPoint
 from .chart import Chart as Chart
 from .chart import ChartPoint as ChartPoint
 from .chart import CriticalCurve as CriticalCurve
+from .conicity import Conicity as Conicity
+from .contact_geometry import ContactGeometry as ContactGeometry
 from .critical import Critical as Critical
 from .critical import Criticals as Criticals
 from .cycles import Cycles as Cycles

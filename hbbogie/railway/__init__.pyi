@@ -1,0 +1,17 @@
+from .conicity import equivalent_conicity as equivalent_conicity
+from .contact import contact_geometry as contact_geometry
+from .creep import CreepLaw as CreepLaw
+from .creep import LinearKalker as LinearKalker
+from .creep import Polach as Polach
+from .creep import Polach2005 as Polach2005
+from .creep import ShenHedrickElkins as ShenHedrickElkins
+from .creep import VermeulenJohnson as VermeulenJohnson
+from .ellipse import ContactEllipse as ContactEllipse
+from .ellipse import hertz_ellipse as hertz_ellipse
+from .ellipse import kalker_coefficients as kalker_coefficients
+from .profiles import Profile as Profile
+from .profiles import read_rail as read_rail
+from .profiles import read_wheel as read_wheel
+from .profiles import s1002 as s1002
+from .profiles import s1002_height as s1002_height
+from .profiles import uic60 as uic60

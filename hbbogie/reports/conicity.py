@@ -1,0 +1,114 @@
+"""The equivalent conicity of a wheel on a rail, as a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from hbbogie.errors import ModelError, positive, unknown_name
+from hbbogie.railway.conicity import equivalent_conicity
+from hbbogie.railway.contact import contact_geometry
+from hbbogie.railway.profiles import Profile, read_rail, read_wheel, s1002, uic60
+from hbbogie.reports.figures import Figures, draw
+from hbbogie.reports.report import Report
+from hbbogie.reports.table import Table
+from hbbogie.results.conicity import Conicity
+from hbbogie.results.contact_geometry import ContactGeometry
+
+AMPLITUDES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)  # mm
+FINE = 0.1  # mm between the amplitudes of the curve
+SHIPPED_WHEELS, SHIPPED_RAILS = {"s1002": s1002}, {"uic60": uic60}
+
+
+def conicity_of(
+    wheel: str,
+    rail: str,
+    *,
+    amplitudes: Sequence[float] = AMPLITUDES,
+    largest: float = 8.0,
+    step: float = 0.1,
+    gauge: float = 1435.0,
+    back_to_back: float = 1360.0,
+    radius: float = 460.0,
+    mirrored: bool = False,
+) -> Report:
+    """Compute contact geometry and equivalent conicity.
+
+    Parameters
+    ----------
+    wheel, rail : str
+        "s1002" and "uic60", or paths of text files.
+    amplitudes : sequence of float, mm
+        Of the table that is shown.
+    largest, step : float, mm
+        Lateral shifts run from -largest to largest in such steps.
+    gauge, back_to_back, radius : float, mm
+        As of `contact_geometry`.
+    mirrored : bool
+        Whether the file of the rail has its gauge face at y > 0.
+
+    Raises
+    ------
+    ModelError
+        For wrong input, and where the travel of an amplitude leaves the range of shifts.
+    """
+    positive("largest shift", largest, "mm")
+    if positive("step", step, "mm") > largest:
+        raise ModelError(f"step {step:g} mm is more than the largest shift, {largest:g} mm; give a smaller one.")
+    on_wheel = _profile(wheel, SHIPPED_WHEELS, read_wheel)
+    on_rail = _profile(rail, SHIPPED_RAILS, partial(read_rail, mirrored=mirrored))
+    half = int(np.floor(largest / step + 1e-9))
+    shift = step * np.arange(-half, half + 1)
+    found = contact_geometry(on_wheel, on_rail, shift, gauge=gauge, back_to_back=back_to_back, radius=radius)
+    shown = equivalent_conicity(shift, found.radius_difference, list(amplitudes))
+    fine = np.arange(round(min(amplitudes) / FINE), round(max(amplitudes) / FINE) + 1) * FINE
+    curve = equivalent_conicity(shift, found.radius_difference, fine[fine > 0] if len(fine) > 1 else list(amplitudes))
+    title = f"{found.wheel} on {found.rail}"
+    figures: Figures = {
+        "conicity": partial(draw, "conicity", curve),
+        "radius_difference": partial(draw, "contact", found),
+        "contact_angle": partial(draw, "contact", found, y="contact angle"),
+        "contact_point": partial(draw, "contact", found, y="contact point"),
+    }
+    notes = [
+        f"Rigid contact at gauge {gauge:g} mm, flanges {back_to_back:g} mm back to back, wheels of radius {radius:g} "
+        f"mm; shifts every {step:g} mm up to {largest:g} mm."
+    ]
+    if np.isnan(curve.equivalent).any():
+        notes.append("Where no number is given by EN 15302 the wheelset does not swing about its centre.")
+    data = {"gauge_mm": gauge, "back_to_back_mm": back_to_back, "radius_mm": radius}
+    table = conicity_table(shown, f"{title}: equivalent conicity", "conicity")
+    long = conicity_table(curve, f"{title}: equivalent conicity over amplitude", "conicity_curve"), contact_table(found)
+    return Report(title, (table,), {}, figures, tuple(notes), data, long)
+
+
+def conicity_table(curve: Conicity, title: str, name: str) -> Table:
+    """Return conicities over the amplitude."""
+    columns = (curve.amplitude, curve.equivalent, curve.least_squares, curve.harmonic, curve.centre)
+    rows = [tuple(float(v) if np.isfinite(v) else None for v in row) for row in zip(*columns, strict=True)]
+    heads = ("amplitude [mm]", "EN 15302", "least squares", "describing function", "centre [mm]")
+    return Table(name, title, heads, tuple(rows), (".1f", ".4f", ".4f", ".4f", ".3f"))
+
+
+def contact_table(found: ContactGeometry) -> Table:
+    """Return contact geometry over the lateral shift."""
+    sides = ("right", "left")
+    columns = {"shift [mm]": found.shift, "radius difference [mm]": found.radius_difference, "roll [rad]": found.roll}
+    for field, unit in (("radius", "mm"), ("angle", "rad"), ("wheel", "mm"), ("rail", "mm")):
+        what = {"wheel": "contact on wheel", "rail": "contact on rail"}.get(field, field)
+        columns |= {f"{what}, {side} [{unit}]": getattr(found, f"{field}_{side}") for side in sides}
+    rows = tuple(tuple(map(float, row)) for row in zip(*columns.values(), strict=True))
+    title = f"{found.wheel} on {found.rail}: rigid contact"
+    return Table("contact_geometry", title, tuple(columns), rows, (".4f",) * len(columns))
+
+
+def _profile(given: str, shipped: dict[str, Callable[[], Profile]], read: Callable[[str], Profile]) -> Profile:
+    """Return a profile by its name, or from a file."""
+    if given.lower() in shipped:
+        return shipped[given.lower()]()
+    if not Path(given).suffix and not Path(given).exists():
+        raise ModelError(f"{unknown_name('profile', given, shipped)} Or give the path of a text file.")
+    return read(given)
