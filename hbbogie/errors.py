@@ -19,6 +19,7 @@ BELONGS = {  # descriptions of expected arguments, by the name of the type
     "System": "a System, such as load_problem('yang1995').bogie()",
     "Equations": "equations, such as HarmonicBalance(15).equations(system)",
     "ExactEquations": "Exact().equations(system)",
+    "CollocationEquations": "Collocation().equations(system)",
     "SolvesItself": "Exact().equations(system)",
     "Orbit": "an Orbit, as find_cycles and solve return",
     "SpecialPoint": "a special point, as hopf_points and trace return",

@@ -129,7 +129,7 @@ def test_the_order_of_arguments_is_told(system, equations, orbit):
         (lambda: hb.trace(orbit, equations, "mu", INTERVAL), r"trace\(equations, start, parameter, interval\)"),
         (lambda: hb.trace(equations, orbit, INTERVAL, "mu"), r"trace\(equations, start, parameter, interval\)"),
         (lambda: hb.trace(equations, "mu", orbit, INTERVAL), r"trace\(equations, start, parameter, interval\)"),
-        (lambda: hb.fold(orbit, equations, "mu"), r"fold\(equations, guess, parameter\)"),
+        (lambda: hb.fold(orbit, equations, "mu"), r"fold\(equations, guess\)"),
         (lambda: hb.hopf_points("mu", system, INTERVAL), r"hopf_points\(system, parameter, interval\)"),
         (lambda: hb.hopf_points(system, INTERVAL, "mu"), r"hopf_points\(system, parameter, interval\)"),
         (lambda: hb.find_equilibria(system, INTERVAL, "mu"), r"find_equilibria\(system, parameter, interval\)"),

@@ -39,7 +39,7 @@ def errors(system: System, interval: tuple[float, float], parameter: str = "V") 
     if "hopf" not in many:
         return {"status": many["status"]}
     hopf = hopf_points(system, parameter, interval)[0]
-    found: dict[str, Any] = {"hopf": hopf.value, "failed": one["failed"] or many["failed"]}
+    found: dict[str, Any] = {"hopf": hopf.value, "failed": many["failed"]}  # one harmonic resolves nothing
     if "fold" in many:
         found |= {"fold": many["fold"], "depth": 100 * (1 - many["fold"] / hopf.value)}
     if "fold" in one:

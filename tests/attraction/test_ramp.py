@@ -158,7 +158,7 @@ def test_dying_out_and_starting_that_do_not_happen_are_nan(bautin):
 
 def test_figures(runs, bautin):
     ax = plot.hysteresis(runs, _branches(bautin), parameter_label="mu [1/s]")
-    assert ax.get_ylabel() == "peak of x [1]" and ax.get_xlim() == runs.interval
+    assert ax.get_ylabel() == "peak of x" and ax.get_xlim() == runs.interval
     matplotlib.pyplot.close(plot.figure_of(ax))
     ax = plot.delays(runs)
     assert ax.get_xlabel() == "rate [1/s²]" and ax.get_ylabel() == "delay in mu [1/s]"

@@ -320,7 +320,7 @@ class TestEquations:
             (lambda: _sprung(hb.model.Friction(1.0, 0.1), lambda x: x.dot), 2, "depends on velocities"),
             (lambda: _sprung(hb.model.Tabulated((-1, 0, 1), (-1, 0, 1))), 2, "'law'.*reference stiffness"),
             (lambda: _sprung(hb.model.Cubic(1.0)), 2, "needs a positive one"),
-            (lambda: hb.load_problem("van_der_pol").van_der_pol(), 2, "no elements"),
+            (lambda: hb.load_problem("van_der_pol").van_der_pol(), 2, "nonlinear terms that are not elements"),
         ],
     )
     def test_systems_that_it_does_not_fit(self, make, order, message):
