@@ -16,6 +16,7 @@ from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.verification import verify
 
 EXACT = 1e-3  # error of the trivial multiplier beyond which a cycle without a verdict is polished
+MEETING = 0.2  # distance from 1 of two multipliers that meet there: next to a fold shooting is of no help
 NEAR, FAR = 0.01, 0.5  # distance in frequency and, relative to the peaks, in waveform of a polished cycle
 
 
@@ -63,8 +64,9 @@ def stability_of(system: System, orbit: Orbit) -> Stability | None:
 
 
 def clear(stability: Stability) -> bool:
-    """Tell whether a verdict is one, or will not become one for a better cycle."""
-    return stability.verdict != "unknown" or stability.trivial_error <= EXACT
+    """Tell whether a verdict is one, or will not become one for a better cycle, as where two multipliers meet at 1."""
+    meeting = np.count_nonzero(np.abs(stability.multipliers - 1) < MEETING) > 1
+    return bool(stability.verdict != "unknown" or stability.trivial_error <= EXACT or meeting)
 
 
 def polished_stability(system: System, orbit: Orbit) -> Stability | None:

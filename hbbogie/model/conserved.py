@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
+REGULAR = 1e-9  # smallest singular value, relative to the largest, of a matrix without a null vector
 ZERO = 1e-11  # share of the largest singular value of samples of the rates up to which one is zero
 
 
@@ -30,6 +31,8 @@ def conserved_quantities(system: System, p: Array, size: Array) -> Array:
         Each with entries of at most 1, in echelon form.
     """
     n = system.n_states
+    if _regular(system, p, size):
+        return np.zeros((0, n))
     samples = 2 * n + 6
     rates = system.once(("rates", samples), lambda: system.ode.map(samples))
     rng = np.random.default_rng(1995)
@@ -48,6 +51,17 @@ def conserved_quantities(system: System, p: Array, size: Array) -> Array:
     U, s, _ = np.linalg.svd(f / np.where(columns > 0, columns, 1.0))
     count = n - int((s > ZERO * max(float(s[0]), 1e-300)).sum())
     return echelon((U[:, n - count :] / rows[:, None]).T) if count else np.zeros((0, n))
+
+
+def _regular(system: System, p: Array, size: Array) -> bool:
+    """Tell whether the rates have a regular derivative at some state: what they conserve would be its left null."""
+    scale = np.where(size > 0, size, 1.0)
+    A = system.ode_jacobian(scale * np.random.default_rng(1995).standard_normal(len(size)), p).full() * scale
+    if not np.isfinite(A).all():
+        return False
+    rows = np.abs(A).max(axis=1)
+    s = np.linalg.svd(A / np.where(rows > 0, rows, 1.0)[:, None], compute_uv=False)
+    return bool(s[-1] > REGULAR * s[0])
 
 
 def echelon(rows: Array) -> Array:
