@@ -57,18 +57,18 @@ def exact_trace(
             "HarmonicBalance(...).equations(system), and take one of its orbits as the start."
         )
     origin = equations.at(special.orbit if special is not None else start, parameter)  # type: ignore[arg-type]
+    low, high = interval
+    if not low <= origin.parameters[parameter] <= high:
+        raise ModelError(
+            f"trace: the start has {parameter} = {origin.parameters[parameter]:g}, outside the interval "
+            f"({low:g}, {high:g}); widen it."
+        )
     if special is not None and special.kind == "hopf":
         special = replace(special, orbit=origin)
         walk = exact_walk(equations.system, special, interval, most)
         there = equations.system.with_parameters(**{parameter: special.value})
         return exact_branch(
             walk, onset(special, there, [point.value for point in walk.points[:2]]), equations.harmonics
-        )
-    low, high = interval
-    if not low <= origin.parameters[parameter] <= high:
-        raise ModelError(
-            f"trace: the start has {parameter} = {origin.parameters[parameter]:g}, outside the interval "
-            f"({low:g}, {high:g}); widen it."
         )
     try:
         point = exact_cycle(equations.system, origin, parameter)
@@ -89,7 +89,13 @@ def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Criti
     """
     system = equations.system
     point = exact_cycle(system, equations.at(guess, parameter), parameter, free=True)
-    found = fold_of(point.closing, point.y[None])
+    try:
+        found = fold_of(point.closing, point.y[None])
+    except np.linalg.LinAlgError:
+        raise ConvergenceError(
+            f"system {system.name!r}: the conditions of a fold are singular: the cycles do not depend on {parameter}; "
+            "give another parameter."
+        ) from None
     at = Point(found.closing, found.y[0], np.append(found.v[0], 0.0), found.at, "fold", 0.0)
     if not found.error[0] <= TOLERANCE or not sound(at):
         raise ConvergenceError(

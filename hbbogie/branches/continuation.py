@@ -112,7 +112,8 @@ def trace(
     start = start if isinstance(start, Orbit | SpecialPoint) else cycle_after(equations.system, start)
     if not isinstance(equations, Equations):
         steps = step, longest, max_points
-        return _beside_the_waist(equations, start, parameter, (lo, hi), steps, stability, progress)
+        with time_limit(limit):
+            return _beside_the_waist(equations, start, parameter, (lo, hi), steps, stability, progress)
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(f"trace: {step=}, {longest=}, {max_points=}; need 0 < step <= longest, 2 points.")
     if equations.phase is None:

@@ -80,7 +80,8 @@ def fold_step(closing: Closing, y: Array, v: Array, w: Array) -> tuple[Folds, Ar
     g, v, w = inverse[:, m, m], inverse[:, :m, m], inverse[:, m, :m]
     K[:, :m, m] = at.J[..., m]
     slope = condition_slope(closing, y, at, v, w)
-    curvature = np.einsum("bi,bi->b", slope[:, :m], v) / np.einsum("bi,bi->b", w, at.J[..., m])
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a parameter that has no influence
+        curvature = np.einsum("bi,bi->b", slope[:, :m], v) / np.einsum("bi,bi->b", w, at.J[..., m])
     error = np.maximum(np.abs(at.F).max(axis=1), np.abs(g))
     for i in closing.sequence.touching:  # a vanishing contact satisfies the condition without a fold, so divide it out
         h = y[:, closing.n + i]

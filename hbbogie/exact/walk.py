@@ -98,18 +98,23 @@ def follow(
                 )
         else:
             changed = there
+        turns: list[Point] = []
         if changed.direction * here.direction < 0:
             turn = between(here, there, changed)
             if turn.kind != "fold" and length > NEARER:  # a grazing may follow closely
                 length /= 3
                 continue
-            points.append(turn)
+            turns = [turn]
         if not low <= changed.y[-1] <= high:
             bound = low if changed.y[-1] < low else high
-            end = window[0] if changed.y[-1] < low else window[1]
-            end_of = Ending("interval", f"the end of the interval, {end:g}")
-            return Walk([*points, *_landed(here, changed, bound)], end_of)
-        points.append(changed)
+            landed = _landed(here, changed, bound)
+            if not landed and length > SHORTEST:  # the order of contacts changes before the end
+                length /= 3
+                continue
+            end = f"the end of the interval, {window[0] if bound == low else window[1]:g}"
+            kind, what = ("interval", end) if landed else ("stuck", f"no cycle was found at {end}")
+            return Walk([*points, *turns, *landed], Ending(kind, what))
+        points += [*turns, changed]
         same = changed.closing is here.closing
         before, here = (here, changed) if same else (None, changed)
         factor = min(2.0, max(0.4, (PREDICTED / max(off, 1e-12)) ** (0.25 if before else 0.5)))

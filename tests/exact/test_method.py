@@ -7,7 +7,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.exact import Exact
-from hbbogie.model import Saturation
+from hbbogie.model import DeadBand, Saturation
 
 C, P = hb.Coordinate, hb.Parameter
 
@@ -63,6 +63,8 @@ class TestBogie:
         assert found.error < 1e-8
         for name, elasticity in near.elasticities.items():
             assert found.elasticities[name] == pytest.approx(elasticity, abs=5e-7)
+        with pytest.raises(hb.ConvergenceError, match="do not depend on W"):
+            hb.fold(exact, point, "W")  # the axle load acts through the gravity stiffness only
         far = hb.find_cycles(bogie, V=150.0)[-1]
         with pytest.raises(hb.ConvergenceError, match=r"branch\.folds"):
             hb.fold(exact, far, "V")
@@ -93,6 +95,32 @@ class TestChua:
             assert next(s for s in b.special if s.kind == "hopf").criticality == "supercritical"
 
 
+class TestTwoContacts:
+    """Friction that saturates, and a stop on one side: the stop is lost on the way to the end of the interval."""
+
+    @pytest.fixture
+    def stopped(self):
+        x, L = C("x"), P("L", 0.05)
+        stop = hb.Element("stop", DeadBand(20.0, 0.1), x - 0.03)
+        friction = hb.Element("friction", Saturation(0.6, L), x.dot)
+        equations = [x.ddot + 0.25 * x.dot - friction + x + stop]
+        return hb.System("stopped", [x], [L], equations, [stop, friction])
+
+    def test_the_branch_goes_on_without_the_stop(self, stopped):
+        exact = Exact().equations(stopped)
+        cycle = hb.find_cycles(stopped, L=0.05, interval=(0.005, 0.4))[0]
+        branch = hb.trace(exact, cycle, "L", (0.005, 0.4))
+        assert [end.kind for end in branch.ends] == ["interval", "interval"]
+        assert branch.values[[0, -1]] == pytest.approx([0.005, 0.4], rel=1e-12)
+        balanced = hb.solve(hb.HarmonicBalance(41).equations(stopped), branch.orbits[0], L=0.008)
+        assert hb.solve(exact, cycle, L=0.008).amplitude("x") == pytest.approx(balanced.amplitude("x"), rel=1e-4)
+
+    def test_a_limit_of_time(self, stopped):
+        cycle = hb.find_cycles(stopped, L=0.05, interval=(0.005, 0.4))[0]
+        branch = hb.trace(Exact().equations(stopped), cycle, "L", (0.005, 0.4), limit=1e-9)
+        assert {end.kind for end in branch.ends} == {"limit"}
+
+
 class TestErrors:
     def test_what_is_not_linear_between_switchings(self):
         with pytest.raises(hb.ModelError, match="HarmonicBalance"):
@@ -109,5 +137,8 @@ class TestErrors:
             hb.solve(exact, cycle, free="V", amplitude={"q1": 0.01})
         with pytest.raises(hb.ModelError, match="outside the interval"):
             hb.trace(exact, cycle, "V", (100.0, 190.0))
+        (hopf,) = hb.hopf_points(bogie, "V", (60.0, 190.0))
+        with pytest.raises(hb.ModelError, match="outside the interval"):
+            hb.trace(exact, hopf, "V", (100.0, 190.0))
         with pytest.raises(hb.ConvergenceError, match="turns back or ends"):
             hb.solve(exact, cycle, V=88.0)
