@@ -19,6 +19,7 @@ from hbbogie.exact.method import ExactEquations
 from hbbogie.exact.points import Point
 from hbbogie.exact.starting import HIGHEST, at_grazing, exact_cycle, orbit_of, settled
 from hbbogie.exact.walk import TOLERANCE, Walk, follow
+from hbbogie.model.ranges import check_start
 from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical
@@ -57,12 +58,7 @@ def exact_trace(
             "HarmonicBalance(...).equations(system), and take one of its orbits as the start."
         )
     origin = equations.at(special.orbit if special is not None else start, parameter)  # type: ignore[arg-type]
-    low, high = interval
-    if not low <= origin.parameters[parameter] <= high:
-        raise ModelError(
-            f"trace: the start has {parameter} = {origin.parameters[parameter]:g}, outside the interval "
-            f"({low:g}, {high:g}); widen it."
-        )
+    check_start(parameter, origin.parameters[parameter], interval)
     if special is not None and special.kind == "hopf":
         special = replace(special, orbit=origin)
         walk = exact_walk(equations.system, special, interval, most)

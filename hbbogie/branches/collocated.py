@@ -14,9 +14,8 @@ from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.special import Special, judged
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.collocation.walk import Followed, follow
-from hbbogie.errors import ModelError
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.model.ranges import check_interval
+from hbbogie.model.ranges import check_interval, check_start
 from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical
@@ -41,7 +40,7 @@ def followed_from(
 ) -> Followed:
     """Follow the branch of cycles from an orbit or a special point; parameters and errors as of `trace`."""
     system = equations.system
-    lo, hi = check_interval(system, parameter, interval)
+    span = check_interval(system, parameter, interval)
     special = start if isinstance(start, SpecialPoint) else None
     from_hopf = special is not None and special.kind == "hopf"
     if special is not None and from_hopf:
@@ -49,17 +48,14 @@ def followed_from(
     else:
         origin = (start.onward or start.orbit) if isinstance(start, SpecialPoint) else start
     value = origin.parameters.get(parameter, system.values[parameter])
-    if not lo <= value <= hi:
-        raise ModelError(
-            f"trace: the start has {parameter} = {value:g}, outside the interval ({lo:g}, {hi:g}); widen it."
-        )
+    check_start(parameter, value, span)
     guess = from_orbit(system, origin.replace(parameters={**system.values, parameter: value}))
     chosen = equations.collocation
     options = {"step": step, "longest": longest, "most": max_points, "progress": progress}
     return follow(
         guess,
         Rates(system, parameter),
-        (lo, hi),
+        span,
         grows=from_hopf,
         degree=chosen.degree,
         tolerance=chosen.tolerance,

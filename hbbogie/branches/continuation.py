@@ -23,7 +23,7 @@ from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_level
-from hbbogie.model.ranges import check_interval
+from hbbogie.model.ranges import check_interval, check_start
 from hbbogie.results import Branch, Orbit, SpecialPoint, Trajectory
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
@@ -126,10 +126,7 @@ def trace(
     p = equations.system.vector()
     place = equations.system.parameter_names.index(parameter)
     p[place] = origin.parameters.get(parameter, p[place])
-    if not lo <= p[place] <= hi:
-        raise ModelError(
-            f"trace: the start has {parameter} = {p[place]:g}, outside the interval ({lo:g}, {hi:g}); widen it."
-        )
+    check_start(parameter, float(p[place]), (lo, hi))
     curve = CycleCurve(equations, parameter, (lo, hi), p, tolerance, families)
     options: dict[str, Any] = {"step": step, "longest": longest, "shortest": SHORTEST, "most": max_points}
     with time_limit(limit):

@@ -107,14 +107,12 @@ def _unfolding(equations: Equations, orbit: Orbit) -> str | None:
 
     The derivative of the equations in it is not orthogonal to the left null vector of that in the cycle.
     """
-    system = equations.system
+    system, m = equations.system, equations.size
     z, p = equations.encode(orbit), system.vector(**orbit.parameters)
-    best, largest = None, UNFOLDS
-    for place, name in enumerate(system.parameter_names):
-        J = equations.derivatives((place,))(z, p)[1].full() / equations.residual_scale[:, None]
-        psi, slope = np.linalg.svd(J[:, :-1] * equations.scale)[0][:, -1], J[:, -1]
-        size = float(np.linalg.norm(slope))
-        share = abs(float(psi @ slope)) / size if size else 0.0
-        if share > largest:
-            best, largest = name, share
-    return best
+    every = tuple(range(len(system.parameters)))
+    J = equations.derivatives(every)(z, p)[1].full() / equations.residual_scale[:, None]
+    psi, slopes = np.linalg.svd(J[:, :m] * equations.scale)[0][:, -1], J[:, m:]
+    sizes = np.linalg.norm(slopes, axis=0)
+    shares = np.abs(psi @ slopes) / np.where(sizes > 0, sizes, 1.0)
+    best = int(np.argmax(shares))
+    return system.parameter_names[best] if shares[best] > UNFOLDS else None

@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from hbbogie.branches.bifurcation_tests import MARGIN, Probe
+from hbbogie.stability import crossing
+from hbbogie.stability.crossing import matched
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-SMALLEST = 1e-8  # modulus below which multipliers are as good as equal
 NEUTRAL = 1e-8  # distance from the unit circle, as a logarithm, that is none
 
 
@@ -63,21 +63,13 @@ def logarithms(probe: Probe, *, full: bool = False) -> Complex | None:
     known = probe.multipliers
     if known is None:
         return None
-    m = known[1] ** 2 if full and known[0] else known[1]
-    return np.asarray(np.log(np.maximum(np.abs(m), SMALLEST)) + 1j * np.angle(m))
+    return crossing.logarithms(known[1] ** 2 if full and known[0] else known[1])
 
 
 def neutral_within(probe: Probe) -> float:
     """Return how far from the unit circle, as a logarithm, a multiplier may be for its error."""
     s = probe.orbit.stability
     return max(MARGIN * s.trivial_error, NEUTRAL) if s is not None else np.inf
-
-
-def matched(a: Complex, b: Complex) -> NDArray[np.int_]:
-    """Return the place in b of each of the logarithms in a: the assignment of least distance in all."""
-    away = a[:, None] - b
-    turn = np.mod(away.imag + np.pi, 2 * np.pi) - np.pi
-    return np.asarray(linear_sum_assignment(np.hypot(away.real, turn))[1])
 
 
 def crossings_of(probes: Sequence[Probe]) -> list[Crossing]:

@@ -14,6 +14,7 @@ from hbbogie.branches.switching import asymmetric, doubled
 from hbbogie.results import SpecialPoint
 from hbbogie.solving.arclength import distance, located
 from hbbogie.solving.curve import Point
+from hbbogie.stability.crossing import description
 
 Located = tuple[float, SpecialPoint]  # with the length of arc
 SAME = 1e-6  # length of arc within which two points are one
@@ -143,28 +144,18 @@ def _special(curve: CycleCurve, at: Probe, log: complex, reach: float) -> Specia
     together = [m for m in logs if abs(m.real) <= _together(at) and _kind(m, at) == kind]
     if kind == "Neimark-Sacker":
         together = [m for m in together if m.imag > 0]
-    count, half = max(len(together), 1), " of half a period" * bool(at.half)
+    count = max(len(together), 1)
     if not kind and count < 2:
         return None
     system, onward = curve.equations.system, None
     many = f"{count} multipliers cross together" if kind != "Neimark-Sacker" else f"{count} pairs cross together"
-    modulus = np.exp(log.real)
-    if kind == "Neimark-Sacker":
-        modulus, angle = (modulus**2, 2 * log.imag) if half else (modulus, log.imag)
-        angle = abs(float(np.angle(np.exp(1j * angle))))
-        what = f"a torus begins; multipliers {modulus:.8f} exp(+-{angle:.6f} i) where located"
-    elif kind:
-        what = "the symmetry breaks" if at.half else "a cycle of twice the period begins"
-        what += f"; multiplier {-modulus:.8f}{half} where located"
-        if count == 1:
-            onward = (asymmetric if at.half else doubled)(system, at.cycle)
-    else:
-        what = f"multiplier {modulus:.8f}{half} where located"
+    if kind in ("pitchfork", "period doubling") and count == 1:
+        onward = (asymmetric if at.half else doubled)(system, at.cycle)
+    kind = kind or "branch point"
+    what = description(kind, complex(np.exp(log)), bool(at.half))
     status = f"{what}; {many}" if count > 1 else what
     value = float(at.point.u[-1])
-    return SpecialPoint(
-        kind or "branch point", curve.parameter, value, (value - reach, value + reach), at.orbit, status, onward
-    )
+    return SpecialPoint(kind, curve.parameter, value, (value - reach, value + reach), at.orbit, status, onward)
 
 
 def _lost(curve: CycleCurve, probes: list[Probe], of: list[tuple[Crossing, str]]) -> SpecialPoint:

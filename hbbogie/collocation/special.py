@@ -17,6 +17,7 @@ from hbbogie.collocation.multipliers import spectrum_of
 from hbbogie.collocation.solving import errors_of, finished
 from hbbogie.solving.arclength import distance, located
 from hbbogie.solving.curve import Point
+from hbbogie.stability.crossing import description
 
 Array = NDArray[np.float64]
 LOCATED = 1e-2  # share to which a test function has fallen where it is located, else it jumps
@@ -116,11 +117,10 @@ def _located(curve: OnMeshCurve, kind: str, a: Point, b: Point, size: float) -> 
         pair = values[np.argsort(np.abs(np.abs(values) - 1))[:2]]
         if np.abs(pair.imag).min() < 1e-6:
             return None  # two real multipliers with product 1: nothing changes
-        status = f"a torus begins; multipliers {abs(pair[0]):.8f} exp(+-{abs(np.angle(pair[0])):.6f} i) where located"
+        status = description(kind, pair[0], half=False)
     elif kind == "period doubling":
         values = curve.spectrum(point).others
-        nearest = values[np.argmin(np.abs(values + 1))].real
-        status = f"a cycle of twice the period begins; multiplier {nearest:.8f} where located"
+        status = description(kind, values[np.argmin(np.abs(values + 1))], half=False)
     else:
         status = f"another branch crosses; smallest singular value {left:.1e} where located"
     return Special(kind, curve, point, value, reach, extremum, status, curvature)

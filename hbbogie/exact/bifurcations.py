@@ -8,11 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, linear_sum_assignment
+from scipy.optimize import brentq
 
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.points import Point, correct
 from hbbogie.results import Stability
+from hbbogie.stability.crossing import description, distances, logarithms, matched
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -21,7 +22,6 @@ TURNS = ("fold", "fold not located")
 HALVINGS = 8  # bisections between two points
 REAL = 1e-6  # imaginary part, relative to the modulus, up to which a multiplier counts as real
 VALUE = 1e-12  # relative error of the parameter at any point
-SMALLEST = 1e-30  # modulus up to which multipliers count as alike when they are matched
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +68,8 @@ def multiplier_crossings(points: Sequence[Point], verdicts: Sequence[Stability])
             continue
         for k in range(i, j):  # multipliers are continuous where the sequence changes, so the last stretch is enough
             a, b = points[k], points[k + 1]
-            if a.closing is b.closing and _count(a) != _count(b):
-                found.append(_located(a, b, k))
+            if a.closing is b.closing and verdicts[k].unstable != verdicts[k + 1].unstable:
+                found.append(_located(a, b, k, verdicts[k].unstable))
                 break
         else:
             what = f"unstable multipliers go from {verdicts[i].unstable} to {verdicts[j].unstable} in this interval"
@@ -77,27 +77,26 @@ def multiplier_crossings(points: Sequence[Point], verdicts: Sequence[Stability])
     return found
 
 
-def _count(point: Point) -> int:
-    return judged(point).unstable
-
-
 def _unlocated(a: Point, b: Point, before: int, what: str) -> Crossing:
     low, high = sorted((a.value, b.value))
     return Crossing("not located", b, before, f"{what}; what happens there was not located", (low, high))
 
 
-def _located(a: Point, b: Point, before: int) -> Crossing:
-    """Return the crossing between two points of one sequence, by bisection and then as a zero of log |m|."""
-    first, last, count = a, b, _count(a)
-    lost = _unlocated(first, last, before, "multipliers cross the unit circle")
+def _located(a: Point, b: Point, before: int, count: int) -> Crossing:
+    """Return the crossing between two points of one sequence, by bisection and then as a zero of log |m|.
+
+    ``count`` multipliers are unstable at the first point.
+    """
+    lost = _unlocated(a, b, before, "multipliers cross the unit circle")
     for _ in range(HALVINGS):
         middle = _between(a, b, 0.5)
         if middle is None:
             return lost
-        a, b = (middle, b) if _count(middle) == count else (a, middle)
+        a, b = (middle, b) if judged(middle).unstable == count else (a, middle)
     crossing = _crossing_multiplier(a, b)
     if crossing is None:
         return lost
+    reference = logarithms(np.array([crossing]))
     found: dict[float, tuple[Point, complex]] = {}
 
     def size(share: float) -> float:
@@ -105,7 +104,7 @@ def _located(a: Point, b: Point, before: int) -> Crossing:
         if point is None:
             raise ValueError("no point there")
         others = _nontrivial(point)
-        found[share] = point, complex(others[np.argmin(np.abs(np.log((others + SMALLEST) / crossing)))])
+        found[share] = point, complex(others[np.argmin(distances(reference, logarithms(others)))])
         return float(np.log(abs(found[share][1])))
 
     try:
@@ -116,21 +115,19 @@ def _located(a: Point, b: Point, before: int) -> Crossing:
     at, m = found[root]
     sizes = [np.log(abs(found[share][1])) for share in (0.0, 1.0)]
     reach = max(abs(left * (b.value - a.value) / (sizes[1] - sizes[0])), VALUE * abs(at.value))
-    kind, status = _named(m, at.closing.sequence.sigma < 0)
+    half = at.closing.sequence.sigma < 0
+    kind = _kind(m, half)
+    status = "another branch crosses; " * (kind == "branch point") + description(kind, m, half)
     return Crossing(kind, replace(at, kind=kind), before, status, (at.value - reach, at.value + reach))
 
 
-def _named(m: complex, half: bool) -> tuple[str, str]:
+def _kind(m: complex, half: bool) -> str:
     """Return the kind of bifurcation at which a multiplier, of half a period or a whole one, crosses."""
     if abs(m.imag) > REAL * abs(m):
-        whole = m**2 if half else m
-        angle = f"{abs(whole):.9f} exp(+-{abs(np.angle(whole)):.6f} i)"
-        return "Neimark-Sacker", f"a torus begins; multipliers {angle} where located"
+        return "Neimark-Sacker"
     if m.real > 0:
-        return "branch point", f"another branch crosses; multiplier {m.real:.9f} where located"
-    if half:
-        return "pitchfork", f"the symmetry breaks; multiplier {m.real:.9f} of half a period where located"
-    return "period doubling", f"a cycle of twice the period begins; multiplier {m.real:.9f} where located"
+        return "branch point"
+    return "pitchfork" if half else "period doubling"
 
 
 def _between(a: Point, b: Point, share: float) -> Point | None:
@@ -143,8 +140,7 @@ def _between(a: Point, b: Point, share: float) -> Point | None:
 def _crossing_multiplier(a: Point, b: Point) -> complex | None:
     """Return the multiplier at the first of two points that crosses the unit circle between them."""
     here, there = (_nontrivial(p) for p in (a, b))
-    distance = np.abs(np.log((here + SMALLEST)[:, None] / (there + SMALLEST)[None]))
-    order = linear_sum_assignment(distance)[1]
+    order = matched(logarithms(here), logarithms(there))
     crosses = np.flatnonzero((np.abs(here) > 1) != (np.abs(there[order]) > 1))
     return complex(here[crosses[0]]) if len(crosses) else None
 

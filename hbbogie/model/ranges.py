@@ -39,3 +39,12 @@ def check_interval(system: System, parameter: str, interval: tuple[float, float]
             f"within the parameter's bounds ({low:g}, {high:g})."
         )
     return lo, hi
+
+
+def check_start(parameter: str, value: float, interval: tuple[float, float]) -> None:
+    """Raise `ModelError` where the start of a branch lies outside the interval over which it is to be followed."""
+    low, high = interval
+    if not low <= value <= high:
+        raise ModelError(
+            f"trace: the start has {parameter} = {value:g}, outside the interval ({low:g}, {high:g}); widen it."
+        )

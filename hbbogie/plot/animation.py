@@ -21,6 +21,7 @@ from hbbogie.results.sketch import Sketch
 from hbbogie.units import per_second
 
 Array = NDArray[np.float64]
+Redraw = Callable[[int], list[Any]]  # frame -> what has moved
 FRAMES = 50  # of one period, or of a whole motion
 PERIODS = 2.0  # shown in the time history of a cycle
 PACE = 20  # frames a second
@@ -75,15 +76,26 @@ def animate(
     cycle = isinstance(motion, Orbit)
     length = PERIODS * motion.period if isinstance(motion, Orbit) else float(motion.t[-1])
     t = np.linspace(0.0, length, 2000)
-    q, v = (_sampled(motion, t, order) for order in (0, 1))
-    instants = np.linspace(0.0, motion.period if isinstance(motion, Orbit) else length, frames, endpoint=not cycle)
+    stops = np.linspace(0.0, motion.period if isinstance(motion, Orbit) else length, frames, endpoint=not cycle)
+    name, unit = coordinate_of(motion, coordinate)
+    i, q = motion.index(name), _sampled(motion, stops, 0)
+    x = _sampled(motion, t, 0)[:, i]
+    factor, shown = scale(unit, [x])
+    x, v = factor * x, factor * _sampled(motion, t, 1)[:, i]
+    x_at, v_at = factor * q[:, i], factor * _sampled(motion, stops, 1)[:, i]
     figure, grid = panels(1, 2, (8.4, 3.2), title_of(motion)) if sketch is None else _with_sketch(motion)
+    phase, history = grid[0]
+    phase.set_xlabel(bracketed(motion.naming.plain(name), shown), fontsize=9)
+    phase.set_ylabel(bracketed("velocity", shown.removesuffix(unit) + per_second(unit)), fontsize=9)
+    history.set_xlabel("time [s]", fontsize=9)
+    history.set_ylabel(bracketed(name, shown), fontsize=9)
+    colour = _colour(motion)
     redraw = [
-        _phase(grid[0, 0], motion, coordinate, q, v, instants),
-        _history(grid[0, 1], motion, coordinate, t, q, instants),
+        _moving_dot(phase, (x, v), (x_at, v_at), colour),
+        _moving_dot(history, (t, x), (stops, x_at), colour),
     ]
     if sketch is not None:
-        redraw.append(_drawing(figure.axes[-1], motion, sketch, _sampled(motion, instants, 0)))
+        redraw.append(_drawing(figure.axes[-1], motion, sketch, q))
 
     def show(frame: int) -> list[Any]:
         return [artist for part in redraw for artist in part(frame)]
@@ -156,16 +168,11 @@ def _colour(motion: Orbit | Trajectory) -> str:
     return SHADES[judged.verdict] if judged else SHADES["unknown"]
 
 
-def _phase(ax: Axes, motion: Orbit | Trajectory, coordinate: str | None, q: Array, v: Array, instants: Array) -> Any:
-    name, unit = coordinate_of(motion, coordinate)
-    i, plain = motion.index(name), motion.naming.plain(name)
-    factor, shown = scale(unit, [q[:, i]])
-    prefix = shown.removesuffix(unit)
-    ax.plot(factor * q[:, i], factor * v[:, i], color=_colour(motion), lw=1.6)
+def _moving_dot(ax: Axes, curve: tuple[Array, Array], stops: tuple[Array, Array], colour: str) -> Redraw:
+    """Draw a curve and a dot that stops at points of it; return what moves the dot."""
+    ax.plot(*curve, color=colour, lw=1.6)
     (dot,) = ax.plot([], [], "o", color=INK, ms=7)
-    ax.set_xlabel(bracketed(plain, shown), fontsize=9)
-    ax.set_ylabel(bracketed("velocity", prefix + per_second(unit)), fontsize=9)
-    x, y = (factor * _sampled(motion, instants, order)[:, i] for order in (0, 1))
+    x, y = stops
 
     def redraw(frame: int) -> list[Any]:
         dot.set_data([x[frame]], [y[frame]])
@@ -174,24 +181,7 @@ def _phase(ax: Axes, motion: Orbit | Trajectory, coordinate: str | None, q: Arra
     return redraw
 
 
-def _history(ax: Axes, motion: Orbit | Trajectory, coordinate: str | None, t: Array, q: Array, instants: Array) -> Any:
-    name, unit = coordinate_of(motion, coordinate)
-    i = motion.index(name)
-    factor, shown = scale(unit, [q[:, i]])
-    ax.plot(t, factor * q[:, i], color=_colour(motion), lw=1.6)
-    (dot,) = ax.plot([], [], "o", color=INK, ms=7)
-    ax.set_xlabel("time [s]", fontsize=9)
-    ax.set_ylabel(bracketed(name, shown), fontsize=9)
-    x = factor * _sampled(motion, instants, 0)[:, i]
-
-    def redraw(frame: int) -> list[Any]:
-        dot.set_data([instants[frame]], [x[frame]])
-        return [dot]
-
-    return redraw
-
-
-def _drawing(ax: Axes, motion: Orbit | Trajectory, sketch: Sketch, here: Array) -> Any:
+def _drawing(ax: Axes, motion: Orbit | Trajectory, sketch: Sketch, here: Array) -> Redraw:
     """Draw the shapes of a sketch, in a frame that holds all of them at any time."""
 
     def shapes(row: Array) -> Any:
