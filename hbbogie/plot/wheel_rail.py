@@ -66,6 +66,6 @@ def conicity(curve: Conicity, ax: Axes | None = None) -> Axes:
     ):
         ax.plot(curve.amplitude, values, ls=line, label=text)
     ax.set_xlabel("amplitude of the wheelset [mm]")
-    ax.set_ylabel("equivalent conicity [1]")
+    ax.set_ylabel("equivalent conicity")
     ax.set_ylim(bottom=min(0.0, np.nanmin(curve.least_squares), np.nanmin(curve.harmonic)))
     return legend(ax)
