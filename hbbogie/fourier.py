@@ -10,6 +10,7 @@ coefficient of harmonic h::
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,19 +125,25 @@ def extremes(coefficients: ArrayLike) -> tuple[Array, Array]:
     smallest, largest : ndarray, shape (n,)
     """
     c = np.asarray(coefficients, dtype=float)
-    H = highest(c)
+    grid, E = _fine(highest(c))
+    x = E @ c
+    column = np.arange(c.shape[1])
+    best = np.concatenate([x.argmin(axis=0), x.argmax(axis=0)])
+    tau, sampled, twice = grid[best], x[best, np.tile(column, 2)], np.hstack([c, c])
+    rate = derivative(twice)
+    bend = derivative(rate)
+    for _ in range(3):
+        E = synthesis(highest(c), tau)
+        d1, d2 = np.einsum("ij,ji->i", E, rate), np.einsum("ij,ji->i", E, bend)
+        step = np.divide(-d1, d2, out=np.zeros_like(d1), where=np.abs(d2) > 0)
+        tau = tau + np.clip(step, -grid[1], grid[1])
+    refined = np.einsum("ij,ji->i", synthesis(highest(c), tau), twice)
+    smallest, largest = np.split(np.arange(len(tau)), 2)
+    return np.minimum(refined, sampled)[smallest], np.maximum(refined, sampled)[largest]
+
+
+@lru_cache(maxsize=16)
+def _fine(H: int) -> tuple[Array, Array]:
+    """Return phases, at least 16 for each wave of the highest harmonic, rad, and the matrix of synthesis there."""
     grid = phases(max(256, 32 * H))
-    x = synthesis(H, grid) @ c
-    out: list[Array] = []
-    for best in (x.argmin(axis=0), x.argmax(axis=0)):
-        tau = grid[best]
-        column = np.arange(c.shape[1])
-        for _ in range(3):
-            d1 = np.einsum("ij,ji->i", synthesis(H, tau, 1), c)
-            d2 = np.einsum("ij,ji->i", synthesis(H, tau, 2), c)
-            step = np.divide(-d1, d2, out=np.zeros_like(d1), where=np.abs(d2) > 0)
-            tau = tau + np.clip(step, -grid[1], grid[1])
-        refined = np.einsum("ij,ji->i", synthesis(H, tau), c)
-        sampled = x[best, column]
-        out.append(np.minimum(refined, sampled) if not out else np.maximum(refined, sampled))
-    return out[0], out[1]
+    return grid, synthesis(H, grid)

@@ -92,9 +92,10 @@ class Probe:
             return {}
         wave = Waveform(system, orbit, system.vector(**orbit.parameters))
         low, high = fourier.extremes(wave.u)
-        span = np.maximum(high - low, np.finfo(float).tiny)
+        owner, d, g = wave.model.owner, wave.model.direction, wave.threshold
+        reach = (np.where(d > 0, high[owner], -low[owner]) - g) / np.maximum(high - low, np.finfo(float).tiny)[owner]
+        first = np.searchsorted(owner, owner)
         return {
-            (name, k): (float(d * g), float(((high[i] if d > 0 else -low[i]) - g) / span[i]))
-            for i, name in enumerate(names)
-            for k, (d, g) in enumerate(zip(wave.directions[i], wave.ramps[i][3], strict=True))
+            (names[i], k): (float(gap), float(beyond))
+            for i, k, gap, beyond in zip(owner, np.arange(len(owner)) - first, d * g, reach, strict=True)
         }

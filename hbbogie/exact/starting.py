@@ -141,16 +141,9 @@ def exact_cycle(system: System, orbit: Orbit, parameter: str, *, free: bool = Fa
 
 def _sequence_along(model: SwitchedLinear, waveform: Waveform, sigma: int) -> tuple[Sequence, float, Array]:
     """Return the sequence along a waveform, the phase at which it begins [rad] and the durations [rad]."""
-    owner = np.concatenate([np.full(len(d), i) for i, d in enumerate(waveform.directions)])
-    direction, threshold = np.concatenate(waveform.directions), np.concatenate([r[3] for r in waveform.ramps])
     level = [s.level for s in model.surfaces]
-
-    def depth(tau: Array) -> Array:
-        u = fourier.synthesis(waveform.H, tau) @ waveform.u
-        return np.asarray((direction * u[:, owner] - threshold)[:, level])
-
     tau = fourier.phases(max(SAMPLES, 16 * waveform.H))
-    d = depth(tau)
+    d = waveform.depth(tau)[:, level]
     after = np.roll(d, -1, axis=0)
     j, k = np.nonzero((d > 0) != (after > 0))
     if not len(j):
@@ -169,7 +162,7 @@ def _sequence_along(model: SwitchedLinear, waveform: Waveform, sigma: int) -> tu
     last = int(k[0]) if model.mirror is None or sigma > 0 else int(model.mirror[k[0]])
     ends = np.concatenate([when[:1], when[1:][inside], [when[0] + span]])
     events = (*(int(e) for e in k[1:][inside]), last)
-    middle = depth(0.5 * (ends[1:] + ends[:-1])) > 0
+    middle = waveform.depth(0.5 * (ends[1:] + ends[:-1]))[:, level] > 0
     sequence = Sequence(tuple(tuple(map(bool, m)) for m in middle), events, sigma)
     return sequence, float(when[0]), np.diff(ends)
 

@@ -73,4 +73,4 @@ def dynamic_stiffness(
     padding = ca.SX(len(R), unit.shape[1])
     Z_re = ca.horzcat(Z_re, padding) + real[R, C] @ P_re - imaginary[R, C] @ P_im
     Z_im = ca.horzcat(Z_im, padding) + real[R, C] @ P_im + imaginary[R, C] @ P_re
-    return ca.Function("Z", [kappa, p], [Z_re, Z_im, P_re, P_im])
+    return ca.Function("Z", [kappa, p], ca.cse([Z_re, Z_im, P_re, P_im]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -58,6 +59,11 @@ class Dynamics:
     def n_states(self) -> int:
         """Number of states of the first-order form."""
         return self.n + sum(self.second_order)
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
+        return tuple(p.name for p in self.parameters)
 
     @property
     def defaults(self) -> NDArray[np.float64]:

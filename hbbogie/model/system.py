@@ -213,7 +213,7 @@ class System:
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters, in order."""
-        return tuple(p.name for p in self.parameters)
+        return self._dynamics.parameter_names
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:

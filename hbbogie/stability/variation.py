@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
@@ -15,6 +15,7 @@ from hbbogie.model.dynamics import solved_rates, state_of
 from hbbogie.model.elements import AttachedLaw
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
+from hbbogie.solving.newton import Buffered
 
 Array = NDArray[np.float64]
 
@@ -32,14 +33,21 @@ class Model:
     matrix : casadi.Function, (x[varying], lines, p) -> A
         lines, shape (2 contacts,): slope and intercept of each.
     measures : casadi.Function, (x[varying], lines, p) -> trace of A, norm of A
-    arguments : casadi.Function, p -> (du/dq, du/dv, u at rest)
-        The affine arguments u of the contacts; each output has one row per contact.
+    laws : Buffered, p -> (du/dq, du/dv, u at rest, offset, stiffness; slope, threshold, height)
+        The affine arguments u of the contacts and the straight lines of their laws, one row per contact; then the ramps
+        of all laws, one row per ramp.
+    owner : ndarray of int, shape (number of ramps,)
+        The contact to which each ramp belongs.
+    direction : ndarray, shape (number of ramps,)
+        The direction of each ramp, +1 or -1.
     """
 
     varying: NDArray[np.int_]
     matrix: ca.Function
     measures: ca.Function
-    arguments: ca.Function
+    laws: Buffered
+    owner: NDArray[np.int_]
+    direction: Array
 
 
 def contacts_of(system: System) -> list[AttachedLaw]:
@@ -81,11 +89,17 @@ def _model(system: System) -> Model:
             )
     rest = ca.substitute(u, ca.vertcat(q, v), ca.SX.zeros(2 * system.n))
     inputs = [x[varying], lines, p]
+    ramps = [e.ramps(p) for e in contacts]
+    heights = [e.heights(p) if e.heights else ca.SX.zeros(len(e.directions)) for e in contacts]
+    of_contacts = [ca.jacobian(u, q), ca.jacobian(u, v), rest, *(ca.vertcat(*(r[i] for r in ramps)) for i in (0, 1))]
+    of_ramps = [*(ca.vertcat(*(r[i] for r in ramps)) for i in (2, 3)), ca.vertcat(*heights)]
     return Model(
         np.array(varying, dtype=int),
         ca.Function("matrix", inputs, [A]),
         ca.Function("measures", inputs, [ca.trace(A), ca.norm_fro(A)]),
-        ca.Function("arguments", [p], [ca.jacobian(u, q), ca.jacobian(u, v), rest]),
+        Buffered(ca.Function("laws", [p], [ca.densify(x) for x in of_contacts + of_ramps])),
+        np.repeat(np.arange(len(contacts)), [len(e.directions) for e in contacts]),
+        np.array([d for e in contacts for d in e.directions], dtype=float),
     )
 
 
@@ -110,13 +124,10 @@ class Waveform:
         second = [i for i, s in enumerate(system.second_order) if s]
         self.all_states = np.hstack([c, rate[:, second]])
         self.x = self.all_states[:, self.model.varying]
-        dq, dv, rest = (m.full() for m in self.model.arguments(p))
+        dq, dv, *columns = self.model.laws(p)
+        rest, self.offset, self.stiffness, self.slope, self.threshold, self.height = (c.ravel() for c in columns)
         self.u = c @ dq.T + rate @ dv.T  # Fourier coefficients of the contacts' arguments
-        self.u[0] += rest.ravel()
-        contacts = contacts_of(system)
-        self.ramps = [[m.full().ravel() for m in e.ramps(p)] for e in contacts]
-        self.directions = [np.array(e.directions, dtype=float) for e in contacts]
-        self.heights = [e.heights(p).full().ravel() if e.heights else np.zeros(len(e.directions)) for e in contacts]
+        self.u[0] += rest
 
     def states(self, tau: Array) -> Array:
         """Return the varying states at the phases tau, shape (len(tau), m)."""
@@ -127,19 +138,33 @@ class Waveform:
         """Whether the variational equations have constant coefficients between the switchings."""
         return not len(self.model.varying)
 
+    def depth(self, tau: ArrayLike) -> Array:
+        """Return how far each ramp is entered at the phases tau, shape (len(tau), number of ramps)."""
+        u = fourier.synthesis(self.H, tau) @ self.u
+        return np.asarray(u[:, self.model.owner] * self.model.direction - self.threshold)
+
+    def lines_of(self, active: NDArray[np.bool_]) -> Array:
+        """Return slope and intercept of each contact, shape (N, 2 contacts), where the given ramps act."""
+        own = self.model.owner[:, None] == np.arange(len(self.offset))
+        rise = self.model.direction * (self.height - self.slope * self.threshold)
+        lines = [self.stiffness + (active * self.slope) @ own, self.offset + (active * rise) @ own]
+        return np.stack(lines, axis=-1).reshape(len(active), -1)
+
     def lines(self, tau: Array) -> Array:
         """Return slope and intercept of each contact at the phases tau, shape (len(tau), 2 contacts)."""
-        columns = []
-        u = fourier.synthesis(self.H, tau) @ self.u if self.ramps else self.u
-        for i, (offset, stiffness, k, threshold) in enumerate(self.ramps):
-            d = self.directions[i]
-            active = np.outer(u[:, i], d) > threshold
-            columns += [stiffness + active @ k, offset + active @ (d * (self.heights[i] - k * threshold))]
-        return np.column_stack(columns) if columns else np.empty((len(tau), 0))
+        if not len(self.offset):
+            return np.empty((len(tau), 0))
+        return self.lines_of(self.depth(tau) > 0)
+
+    @property
+    def levels(self) -> tuple[NDArray[np.int_], Array]:
+        """Contact and value of its argument, wherever a contact changes its line; each pair once."""
+        pairs = np.unique(np.column_stack([self.model.owner, self.model.direction * self.threshold]), axis=0)
+        return pairs[:, 0].astype(int), pairs[:, 1]
 
     def switchings(self, end: float = 2 * np.pi) -> Array:
         """Return the phases from 0 to end at which a contact changes its line, increasing, rad."""
-        if not self.ramps:
+        if not len(self.offset):
             return np.empty(0)
         grid, E = _grid(self.H, end)
         rate = fourier.derivative(self.u)
@@ -147,20 +172,13 @@ class Waveform:
         # u is monotone between turning points: with these on the grid, no short contact is missed
         k, column = np.nonzero(slope[:-1] * slope[1:] < 0)
         turning = _roots(rate[:, column], np.zeros(len(k)), grid[k], grid[k + 1])
-        columns, levels, low, high = [], [], [], []
-        for i, (_, _, _, threshold) in enumerate(self.ramps):
-            nodes = np.r_[grid, turning[column == i]]
-            values = np.r_[E @ self.u[:, i], fourier.synthesis(self.H, turning[column == i]) @ self.u[:, i]]
-            order = np.argsort(nodes)
-            nodes, values = nodes[order], values[order]
-            for level in np.unique(self.directions[i] * threshold):
-                k = np.flatnonzero((values[:-1] < level) != (values[1:] < level))
-                columns.append(np.full(len(k), i))
-                levels.append(np.full(len(k), level))
-                low.append(nodes[k])
-                high.append(nodes[k + 1])
-        places = np.concatenate(columns)
-        found = _roots(self.u[:, places], np.concatenate(levels), np.concatenate(low), np.concatenate(high))
+        nodes = np.r_[grid, turning]
+        order = np.argsort(nodes)
+        nodes, u = nodes[order], np.vstack([E @ self.u, fourier.synthesis(self.H, turning) @ self.u])[order]
+        contact, level = self.levels
+        above = u[:, contact] >= level
+        k, which = np.nonzero(above[:-1] != above[1:])
+        found = _roots(self.u[:, contact[which]], level[which], nodes[k], nodes[k + 1])
         return np.unique(found)
 
     def phases(self, end: float) -> Array:
@@ -183,8 +201,10 @@ def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
     """Return where each column of Fourier coefficients meets its level between low and high (safeguarded Newton)."""
     H, rate = fourier.highest(c), fourier.derivative(c)
     # check both ends, since the level may be met exactly at one of them
-    fall = np.einsum("ij,ji->i", fourier.synthesis(H, low) - fourier.synthesis(H, high), c)
-    tau, falling = 0.5 * (low + high), fall > 0
+    first, last = (np.einsum("ij,ji->i", fourier.synthesis(H, end), c) for end in (low, high))
+    falling = first > last
+    share = np.divide(first - level, first - last, out=np.full_like(level, 0.5), where=first != last)
+    tau = low + np.clip(share, 0.01, 0.99) * (high - low)
     for _ in range(60):
         E = fourier.synthesis(H, tau)
         f, slope = np.einsum("ij,ji->i", E, c) - level, np.einsum("ij,ji->i", E, rate)

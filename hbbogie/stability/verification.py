@@ -187,32 +187,20 @@ def defect(system: System, orbit: Orbit) -> float:
     return float((r.max(axis=1) / np.where(size > 0, size, 1.0)).max())
 
 
-def _ramps(waveform: Waveform) -> tuple[NDArray[np.int_], Array, Array]:
-    """Return contact, direction and threshold of every ramp, each of shape (number of ramps,)."""
-    owner = [np.full(len(d), i) for i, d in enumerate(waveform.directions)]
-    direction = np.concatenate([*waveform.directions, np.empty(0)])
-    threshold = np.concatenate([*(ramp[3] for ramp in waveform.ramps), np.empty(0)])
-    return np.concatenate([*owner, np.empty(0)]).astype(int), direction, threshold
-
-
 def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
     """Return the order of contacts along a waveform, and which ramps are active, shape (S, number of ramps)."""
-    owner, direction, threshold = _ramps(waveform)
-    levels = direction * threshold
-    pairs = np.unique(np.column_stack([owner, levels]), axis=0)
+    owner, levels = waveform.model.owner, waveform.model.direction * waveform.threshold
+    pairs = list(zip(*waveform.levels, strict=True))
     events: list[tuple[float, int, float]] = []
     for tau in waveform.switchings():
         if events and tau - events[-1][0] < EITHER_SIDE:
             continue  # simultaneous contacts are all found at the first of them
         before, after = fourier.synthesis(waveform.H, tau + EITHER_SIDE * np.array([-1.0, 1.0])) @ waveform.u
-        events += [(tau, int(i), g) for i, g in pairs if (before[int(i)] < g) != (after[int(i)] < g)]
+        events += [(tau, int(i), g) for i, g in pairs if (before[i] < g) != (after[i] < g)]
     starts = np.array([e[0] for e in events] or [0.0])
     lengths = np.diff(np.append(starts, starts[0] + 2 * np.pi))
     S, first = len(starts), int(np.argmax(lengths))
-    state = np.zeros(len(owner), dtype=bool)
-    if len(owner):
-        u = (fourier.synthesis(waveform.H, starts[first] + lengths[first] / 2) @ waveform.u)[0]
-        state = direction * u[owner] > threshold
+    state = waveform.depth(starts[first] + lengths[first] / 2)[0] > 0
     active = np.tile(state, (S, 1))
     for k in range(first + 1, first + 1 + len(events)):  # once round, back to the beginning
         _, i, g = events[k % S]
@@ -224,12 +212,8 @@ def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
             f"system {waveform.system.name!r}: the contacts along the orbit do not close (one lasts less than "
             f"{EITHER_SIDE:g} rad, or grazes); take more harmonics."
         )
-    columns = [np.empty((S, 0))]
-    for i, (offset, stiffness, k_, g_) in enumerate(waveform.ramps):
-        on, heights = active[:, owner == i], waveform.directions[i] * (waveform.heights[i] - k_ * g_)
-        columns.append(np.column_stack([stiffness + on @ k_, offset + on @ heights]))
     contact, level = np.array([e[1] for e in events], dtype=int), np.array([e[2] for e in events])
-    return Pattern(starts, lengths, contact, level, np.hstack(columns)), active
+    return Pattern(starts, lengths, contact, level, waveform.lines_of(active)), active
 
 
 def _closed(system: System, orbit: Orbit, tolerance: float) -> tuple[Shooting, Path, NewtonStep]:
@@ -262,7 +246,7 @@ def _dense(shooting: Shooting, path: Path, step: NewtonStep) -> tuple[Array, Arr
 
 def _missed(shooting: Shooting, waveform: Waveform, active: NDArray[np.bool_], path: Path, step: NewtonStep) -> float:
     """Return how far a contact is on the wrong side of a level inside an element, relative to its range."""
-    owner, direction, threshold = _ramps(waveform)
+    owner, direction, threshold = waveform.model.owner, waveform.model.direction, waveform.threshold
     if not len(owner):
         return 0.0
     sigma, x = _dense(shooting, path, step)
