@@ -59,7 +59,7 @@ def transitions_along(waveform: Waveform, steps: int | None = None, *, half: boo
     if waveform.straight and steps is None:
         return _exact(waveform, ends)
     mesh = _mesh(waveform, ends, steps, 2 if half else 1)
-    return Transitions(mesh, _stepped(waveform, mesh), _trace_integral(waveform, mesh))
+    return _stepped(waveform, mesh)
 
 
 def product(transitions: Array) -> Array:
@@ -120,20 +120,18 @@ def _mesh(waveform: Waveform, ends: Array, steps: int | None, parts: int) -> Arr
 
 def _fastest_eigenvalue(waveform: Waveform, midpoints: Array) -> float:
     """Return the largest eigenvalue modulus of A at the midpoints and where its norm is large [1/s]."""
-    grid = fourier.phases(256)
-    norms = waveform.model.measures(waveform.states(grid).T, waveform.lines(grid).T, waveform.p)[1].full().ravel()
-    tau = np.r_[midpoints, grid[np.argsort(norms)[-16:]]]
-    x, lines = waveform.states(tau), waveform.lines(tau)
-    _, different = np.unique(np.hstack([x, lines]), axis=0, return_index=True)
-    some = different[:64]
+    grid = np.r_[midpoints[:48], fourier.phases(128)]
+    x, lines = waveform.states(grid), waveform.lines(grid)
+    norms = waveform.model.norm(x.T, lines.T, waveform.p).full().ravel()
+    some = np.r_[: len(grid) - 128, len(grid) - 128 + np.argsort(norms[-128:])[-16:]]
     return float(np.abs(np.linalg.eigvals(_matrices(waveform, x[some], lines[some]))).max())
 
 
 def _variation(system: System, model: Model) -> ca.Function:
-    """Return the transition matrix over one interval, a function of (h, states at 3 phases, lines, p).
+    """Return one interval's transition matrix and integral of the trace, functions of (h, states, lines, p).
 
-    The varying states are given at the start, the middle and the end of the interval, where the Runge-Kutta stages need
-    them.
+    The varying states are given at the start, the middle and the end of the interval, where the Runge-Kutta stages, and
+    Simpson's rule for the trace, need them.
     """
     size, m = system.n_states, len(model.varying)
     Phi, s, h = ca.SX.sym("Phi", size**2), ca.SX.sym("s"), ca.SX.sym("h")
@@ -147,33 +145,25 @@ def _variation(system: System, model: Model) -> ca.Function:
     options = {"number_of_finite_elements": 1, "simplify": True}
     integrator = ca.integrator("variation", "rk", problem, 0.0, 1.0, options)
     # starting from the identity matrix, expansion to scalar operations is twice as fast
-    return ca.Function("transition", [given], [integrator(x0=ca.vec(ca.DM.eye(size)), p=given)["xf"]])
+    matrix = integrator(x0=ca.vec(ca.DM.eye(size)), p=given)["xf"]
+    traces = [weight * ca.trace(model.matrix(x, lines, p)) for weight, x in ((1, start), (4, middle), (1, end))]
+    return ca.Function("transition", [given], [matrix, h / 6 * ca.sum1(ca.vertcat(*traces))])
 
 
-def _stepped(waveform: Waveform, mesh: Array) -> Array:
-    """Return the transition matrix of each interval, shape (N, n_states, n_states)."""
+def _stepped(waveform: Waveform, mesh: Array) -> Transitions:
+    """Return the transition matrix of each interval of a mesh, and the integral of the trace by Simpson's rule."""
     system, N = waveform.system, len(mesh) - 1
     one = system.once("variation", lambda: _variation(system, waveform.model))
     buffer, run = system.once(("variation", N), lambda: one.map(N)).buffer()
     middle = 0.5 * (mesh[:-1] + mesh[1:])
-    x = waveform.states(mesh)
+    x, x_middle = np.split(waveform.states(np.r_[mesh, middle]), [N + 1])
     h = np.diff(mesh)[:, None] / waveform.omega
     p = np.broadcast_to(waveform.p, (N, len(waveform.p)))
-    given = np.hstack([h, x[:-1], waveform.states(middle), x[1:], waveform.lines(middle), p])
-    out = np.empty((N, system.n_states, system.n_states))
+    given = np.hstack([h, x[:-1], x_middle, x[1:], waveform.lines(middle), p])
+    out, traces = np.empty((N, system.n_states, system.n_states)), np.empty(N)
     # memory is shared with CasADi, whose columns are the rows here; conversion would cost as much as the work
     buffer.set_arg(0, given.data)
     buffer.set_res(0, out.data)
+    buffer.set_res(1, traces.data)
     run()
-    return out.transpose(0, 2, 1)
-
-
-def _trace_integral(waveform: Waveform, mesh: Array) -> float:
-    """Return the integral of the trace of the state matrix over the mesh, by Simpson's rule on it."""
-    middle = 0.5 * (mesh[:-1] + mesh[1:])
-    lines, x = waveform.lines(middle).T, waveform.states(mesh).T
-    traces = [
-        waveform.model.measures(states, lines, waveform.p)[0].full().ravel()
-        for states in (x[:, :-1], waveform.states(middle).T, x[:, 1:])
-    ]
-    return float(np.diff(mesh) @ (traces[0] + 4 * traces[1] + traces[2]) / (6 * waveform.omega))
+    return Transitions(mesh, out.transpose(0, 2, 1), float(traces.sum()))

@@ -32,7 +32,7 @@ class Model:
         The states on which the state matrix depends when every contact element stays on one line.
     matrix : casadi.Function, (x[varying], lines, p) -> A
         lines, shape (2 contacts,): slope and intercept of each.
-    measures : casadi.Function, (x[varying], lines, p) -> trace of A, norm of A
+    norm : casadi.Function, (x[varying], lines, p) -> norm of A
     laws : Buffered, p -> (du/dq, du/dv, u at rest, offset, stiffness; slope, threshold, height)
         The affine arguments u of the contacts and the straight lines of their laws, one row per contact; then the ramps
         of all laws, one row per ramp.
@@ -44,7 +44,7 @@ class Model:
 
     varying: NDArray[np.int_]
     matrix: ca.Function
-    measures: ca.Function
+    norm: ca.Function
     laws: Buffered
     owner: NDArray[np.int_]
     direction: Array
@@ -96,7 +96,7 @@ def _model(system: System) -> Model:
     return Model(
         np.array(varying, dtype=int),
         ca.Function("matrix", inputs, [A]),
-        ca.Function("measures", inputs, [ca.trace(A), ca.norm_fro(A)]),
+        ca.Function("norm", inputs, [ca.norm_fro(A)]),
         Buffered(ca.Function("laws", [p], [ca.densify(x) for x in of_contacts + of_ramps])),
         np.repeat(np.arange(len(contacts)), [len(e.directions) for e in contacts]),
         np.array([d for e in contacts for d in e.directions], dtype=float),
