@@ -5,6 +5,7 @@ from . import critical as critical
 from . import design as design
 from . import equilibria as equilibria
 from . import exact as exact
+from . import exchange as exchange
 from . import methods as methods
 from . import model as model
 from . import motion as motion

@@ -132,6 +132,26 @@ def chart(
     do(name, overrides, output, as_json, job)
 
 
+@command(
+    "hbbogie export yang1995 --to auto",
+    "hbbogie export van_der_pol --to auto --set mu=1 --range 0.1 5 --output auto",
+)
+def export(
+    name: Problem,
+    to: Annotated[str, typer.Option("--to", metavar="PROGRAM", help="auto, which is AUTO-07p.")] = "auto",
+    parameter: ParameterName = None,
+    interval: Interval = None,
+    output: Output = Path("out"),
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write the equations, with derivatives, and a cycle for another program, which follows its branch."""
+    from hbbogie.reports.exchange import export_of
+
+    job = functools.partial(export_of, program=to, parameter=parameter, interval=interval)
+    do(name, overrides, output, as_json, job)
+
+
 DesignFile = Annotated[
     str, typer.Argument(metavar="NAME", help="Shipped problem with a design, or path of a file (.py) or folder.")
 ]

@@ -36,6 +36,8 @@ class Report:
         Anything else for the JSON document.
     long_tables : tuple of Table
         Written like the others, but not shown.
+    texts : dict of str
+        Text files, by name.
     """
 
     title: str
@@ -45,13 +47,14 @@ class Report:
     notes: tuple[str, ...] = ()
     data: dict[str, Any] = field(default_factory=dict)
     long_tables: tuple[Table, ...] = ()
+    texts: dict[str, str] = field(default_factory=dict)
 
     __repr__ = brief
 
     def write(
         self, directory: str | Path, progress: Progress = silent, *, form: str = "png", figures: bool = True
     ) -> list[Path]:
-        """Write branches as NetCDF, tables as CSV and figures; return the files written.
+        """Write branches as NetCDF, tables as CSV, texts and figures; return the files written.
 
         Parameters
         ----------
@@ -77,6 +80,9 @@ class Report:
         for table in (*self.tables, *self.long_tables):
             files.append(folder / f"{table.name}.csv")
             table.to_csv(files[-1])
+        for name, text in self.texts.items():
+            files.append(folder / name)
+            files[-1].write_text(text, encoding="utf-8")
         for i, (name, draw) in enumerate(self.figures.items() if figures else ()):
             from hbbogie import plot
 
