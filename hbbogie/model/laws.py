@@ -1,11 +1,10 @@
 """Nonlinear force laws.
 
 A law is a scalar function of one argument u, which is a coordinate, a velocity, or a linear combination of them.
-`Element` says where it acts. Laws whose graph is made of straight lines also provide their `ramps`. From these,
-harmonic balance integrates laws without jumps exactly between the contact times, and stability and shooting locate
-contacts and jumps. If it is known in closed form, ``describing(amplitude)`` is the describing function: the first
-harmonic of the force over u = Y cos(tau), divided by Y. ``reference_stiffness()`` is the stiffness of the linear
-oscillator about which the second order expands.
+`Element` says where it acts. Laws made of straight lines also provide their `ramps`. From these, harmonic balance
+integrates laws without jumps exactly between the contact times, and stability and shooting locate contacts and jumps.
+``describing(amplitude)``, where known in closed form, is the describing function: the first harmonic of the force over
+u = Y cos(tau), divided by Y. ``reference_stiffness()`` is that of the oscillator about which the second order expands.
 """
 
 from __future__ import annotations
@@ -82,29 +81,32 @@ class DeadBand(PiecewiseLinear):
 
 @dataclass(frozen=True, eq=False)
 class Saturation(PiecewiseLinear):
-    """A spring whose force is limited: stiffness * u, cut off at +-limit.
+    """A spring whose force is limited: stiffness * u up to +-limit, and from there on with another slope.
+
+    Attached to a velocity it is a damper with blow-off.
 
     Parameters
     ----------
     stiffness : scalar, unit of force per unit of the argument
         At 0 the law is no force.
     limit : scalar, unit of force
+    beyond : scalar, unit of force per unit of the argument
+        Slope beyond the limit.
     """
 
     stiffness: Scalar
     limit: Scalar
+    beyond: Scalar = 0.0
 
     def __post_init__(self) -> None:
         check_scalars(self, not_negative="limit")
 
     def ramps(self) -> Ramps:
-        """Return the spring and the two ramps that cancel it beyond the limit."""
+        """Return the spring and the two ramps that change its slope beyond the limit."""
         k = ca.SX(self.stiffness)
         reach = self.limit * ca.if_else(k == 0, FAR, 1 / ca.fabs(ca.if_else(k == 0, 1, k)))  # with finite derivatives
-        return Ramps(
-            ((1, -self.stiffness, reach), (-1, -self.stiffness, reach)),
-            stiffness=self.stiffness,
-        )
+        change = self.beyond - self.stiffness
+        return Ramps(((1, change, reach), (-1, change, reach)), self.stiffness)
 
     def reference_stiffness(self) -> Scalar:
         """Return the stiffness below the limit."""
@@ -138,7 +140,7 @@ class Tabulated(PiecewiseLinear):
                 f"Tabulated: got {len(self.u)} abscissae and {len(self.forces)} forces; "
                 "give the same number of each, at least two."
             )
-        if any(b <= a for a, b in zip(self.u, self.u[1:], strict=False)):
+        if np.any(np.diff(self.u) <= 0):
             raise ModelError(f"Tabulated: the abscissae must increase, got {list(self.u)}; sort the table.")
 
     def ramps(self) -> Ramps:
@@ -246,8 +248,7 @@ class Friction:
 class Step(PiecewiseLinear):
     """A force that switches on: height for u > threshold, none below, half at the threshold.
 
-    As a factor in the equations it switches between two vector fields: with a step s of height 1,
-    ``(1 - s) * left + s * right``.
+    As a factor it switches between two vector fields: with a step s of height 1, ``(1 - s) * left + s * right``.
 
     Parameters
     ----------
@@ -270,9 +271,9 @@ class Step(PiecewiseLinear):
 class CoulombFriction(PiecewiseLinear):
     """Dry friction as Coulomb has it: limit * sign(u). Attach it to a velocity.
 
-    Motions that slide both ways and pass through u = 0 at once are followed, by their describing function,
-    by harmonic balance and by shooting. Sticking is not: it is detected (`floquet`, `verify`), and needs
-    `Friction`, the regularised law. Linearised at rest this law is no force at all.
+    Motions that slide both ways and pass through u = 0 at once are followed, by their describing function, by harmonic
+    balance and by shooting. Sticking is not: it is detected (`floquet`, `verify`), and needs `Friction`. Linearised at
+    rest this law is no force at all.
 
     Parameters
     ----------
@@ -293,8 +294,8 @@ class CoulombFriction(PiecewiseLinear):
 class Backlash:
     """A spring that is driven through play and keeps its position inside it: a hysteresis.
 
-    The force depends on the motion that came before and not on u alone, so that no element of a system
-    can be made of it; its describing function is complex.
+    The force depends on the motion before, not on u alone: no element of a system can be made of it. Its describing
+    function is complex.
 
     Parameters
     ----------
@@ -327,7 +328,7 @@ class Backlash:
         ndarray, shape of tau, unit of force
             Zero where the amplitude does not exceed the gap.
         """
-        k, g, Y = float(self.stiffness), float(self.gap), float(amplitude)
+        k, g, Y = (float(value) for value in (self.stiffness, self.gap, amplitude))
         t: NDArray[np.float64] = np.mod(np.asarray(tau, dtype=float), 2 * np.pi)
         sign = np.where(t < np.pi, 1.0, -1.0)  # u falls in the first half of the period and rises in the second
         return np.asarray(k * sign * np.minimum(sign * Y * np.cos(t) + g, Y - g) * (g < Y))

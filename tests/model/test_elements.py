@@ -38,6 +38,14 @@ def test_saturation_without_stiffness_has_a_slope_in_it():
     assert float(slope(0.0)) == 2.5
 
 
+def test_damper_with_blow_off():
+    """Slope 200 kN s/m up to 6 kN, which it reaches at 0.03 m/s, and 10 kN s/m beyond; of no slope it has failed."""
+    speeds = (-0.13, -0.03, 0.01, 0.03, 0.23)
+    forces = _force(hb.model.Saturation(200e3, 6e3, beyond=10e3), speeds)
+    np.testing.assert_allclose(forces, [-7e3, -6e3, 2e3, 6e3, 8e3])
+    assert _force(hb.model.Saturation(0.0, 6e3, beyond=10e3), speeds) == [0, 0, 0, 0, 0]
+
+
 def test_tabulated_passes_its_points_and_extends_beyond_them():
     law = hb.model.Tabulated((-1.0, 0.0, 2.0), (-3.0, 0.0, 1.0))
     np.testing.assert_allclose(_force(law, (-2, -1, 0, 1, 2, 4)), [-6, -3, 0, 0.5, 1, 2])

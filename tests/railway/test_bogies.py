@@ -1,0 +1,209 @@
+"""The problems of one wheelset and of one bogie against closed forms, published and independently computed numbers."""
+
+import numpy as np
+import pytest
+
+import hbbogie as hb
+from hbbogie.branches import crossings
+
+
+def largest(equations, branch, V, coordinate):
+    return max(crossings(equations, branch, V), key=lambda orbit: orbit.amplitude(coordinate))
+
+
+# --- one wheelset -----------------------------------------------------------------------------
+
+WHEELSET = hb.load_problem("wheelset")
+
+
+def test_klingel_wavelength_of_wheelset_and_rigid_bogie():
+    assert WHEELSET.klingel_wavelength(0.75, 0.46, 0.2) == pytest.approx(8.252288796, abs=5e-10)
+    assert WHEELSET.klingel_wavelength(0.75, 0.46, 0.2, lb=1.28) == pytest.approx(16.32350099, abs=5e-9)
+
+
+def test_weakly_held_wheelset_hunts_at_klingels_frequency():
+    soft = WHEELSET.wheelset(ky=1e3, kpsi=1e3)
+    (hopf,) = hb.hopf_points(soft, "V", (0.5, 20.0))
+    wavelength = WHEELSET.klingel_wavelength(*(soft.values[name] for name in ("a", "r0", "lam")))
+    assert hopf.omega == pytest.approx(2 * np.pi * hopf.value / wavelength, rel=1e-3)
+
+
+@pytest.mark.parametrize("point", WHEELSET.POINTS[:2])
+def test_critical_speed_of_a_wheelset_in_closed_form(point):
+    system = WHEELSET.wheelset(**point.parameters)
+    (hopf,) = hb.hopf_points(system, "V", (20.0, 100.0))
+    V, omega = WHEELSET.critical_speed(system.values)
+    assert (V, omega) == pytest.approx((point.V, point.omega), abs=5e-9)
+    assert (hopf.value, hopf.omega) == pytest.approx((V, omega), rel=1e-9)
+
+
+def test_branch_of_one_harmonic_in_closed_form():
+    system = WHEELSET.wheelset()
+    (hopf,) = hb.hopf_points(system, "V", (20.0, 100.0))
+    balance = hb.HarmonicBalance(1).equations(system)
+    branch = hb.trace(balance, hopf, "V", (30.0, 80.0), stability=False)
+    for point in WHEELSET.POINTS[2:]:
+        assert WHEELSET.first_harmonic_cycle(system.values, point.Y) == pytest.approx((point.V, point.omega), abs=5e-9)
+        (cycle,) = crossings(balance, branch, point.V)
+        assert (cycle.amplitude("y"), cycle.omega) == pytest.approx((point.Y, point.omega), rel=1e-8)
+
+
+def test_wheelset_on_profiles_by_two_methods():
+    """S1002 on UIC60 with Polach's law: harmonic balance and shooting agree, and a motion stays on the cycle."""
+    system = WHEELSET.wheelset_on_profiles(V=45.0)
+    small, large = hb.find_cycles(system, V=45.0)
+    assert small.verdict == large.verdict == "stable"
+    assert large.amplitude("y") > system.values["y0"] > small.amplitude("y")
+    balanced = hb.solve(hb.HarmonicBalance(63).equations(system), small, method="newton", V=45.0)
+    assert balanced.omega == pytest.approx(small.omega, rel=1e-5)
+    assert balanced.amplitude("y") == pytest.approx(small.amplitude("y"), rel=1e-5)
+
+
+# --- the simple bogie -------------------------------------------------------------------------
+
+SIMPLE = hb.load_problem("simple_bogie")
+
+
+@pytest.fixture(scope="module")
+def simple():
+    """Return equations and branch, with and without flange."""
+    found = {}
+    for flange in (True, False):
+        system = SIMPLE.simple_bogie(flange=flange)
+        (hopf,) = hb.hopf_points(system, "V", SIMPLE.RANGE)
+        balance = hb.HarmonicBalance(31).equations(system)
+        found[flange] = balance, hb.trace(balance, hopf, "V", (50.0, 142.0), stability=False)
+    return found
+
+
+def test_simple_bogie_hopf_point():
+    (hopf,) = hb.hopf_points(SIMPLE.simple_bogie(), "V", SIMPLE.RANGE)
+    assert (hopf.value, hopf.omega) == pytest.approx(SIMPLE.HOPF, abs=5e-5)
+
+
+def test_simple_bogie_flange_is_smooth_and_odd():
+    law = SIMPLE.SmoothFlange(14.6e6)
+    at = [float(law.force(u)) for u in (0.0, law.b1 - 1e-12, law.b1 + 1e-12, -0.0092)]
+    assert at[0] == pytest.approx(0.0, abs=1e-9)
+    assert at[1] == pytest.approx(at[2], abs=1e-4)  # slopes of 14.6 MN/m over 2e-12 m
+    assert at[3] == pytest.approx(-14.6e6 * 0.0001)
+
+
+def test_simple_bogie_cycles(simple):
+    for flange, cycles in ((True, SIMPLE.CYCLES), (False, SIMPLE.FLANGELESS_CYCLES)):
+        for known in cycles:
+            cycle = largest(*simple[flange], known.V, "q1")
+            assert cycle.amplitude("q1") == pytest.approx(known.q1, abs=7e-7)
+            assert cycle.omega == pytest.approx(known.omega, abs=6e-4)
+
+
+def test_simple_bogie_folds(simple):
+    with_flange, without = (simple[flange][1].folds()[0] for flange in (True, False))
+    assert with_flange.value == pytest.approx(SIMPLE.FOLD.V, abs=0.002)
+    # at a fold amplitude and frequency go with the root of the error of the speed
+    assert with_flange.orbit.amplitude("q1") == pytest.approx(SIMPLE.FOLD.q1, abs=2e-5)
+    assert with_flange.omega == pytest.approx(SIMPLE.FOLD.omega, abs=5e-3)
+    assert without.value == pytest.approx(SIMPLE.FLANGELESS_FOLD, abs=0.01)
+
+
+def test_simple_bogie_cycle_is_stable(simple):
+    balance, branch = simple[True]
+    upper, lower = sorted(crossings(balance, branch, 65.0), key=lambda o: -o.amplitude("q1"))
+    assert hb.floquet(balance.system, upper).verdict == "stable"
+    assert hb.floquet(balance.system, lower).verdict == "unstable"
+
+
+# --- Kaas-Petersen's bogie --------------------------------------------------------------------
+
+KAAS = hb.load_problem("kaas_petersen1986")
+
+
+@pytest.fixture(scope="module")
+def flanged():
+    """Return the bogie, its equations and branch with 21 harmonics and the equations with 47."""
+    system = KAAS.bogie()
+    (hopf,) = hb.hopf_points(system, "V", KAAS.RANGE)
+    balance = hb.HarmonicBalance(21).equations(system)
+    branch = hb.trace(balance, hopf, "V", (60.0, 142.0), stability=False)
+    return system, balance, branch, hb.HarmonicBalance(47).equations(system)
+
+
+def test_kaas_petersen_hopf_point():
+    (hopf,) = hb.hopf_points(KAAS.bogie(), "V", KAAS.RANGE)
+    assert (hopf.value, hopf.omega) == pytest.approx(KAAS.HOPF, abs=5e-6)
+
+
+def test_kaas_petersen_cycles_and_fold(flanged):
+    _, coarse, branch, exact = flanged
+    (fold,) = [f for f in branch.folds() if f.extremum == "minimum" and f.value < 70]
+    assert fold.value == pytest.approx(KAAS.FOLD[0], abs=1e-3)
+    assert fold.omega == pytest.approx(KAAS.FOLD[1], abs=2e-3)
+    for known in KAAS.CYCLES:
+        start = min(crossings(coarse, branch, known.V), key=lambda o: abs(o.omega - known.omega))
+        cycle = hb.solve(exact, start, method="newton", V=known.V)
+        found = (cycle.amplitude("q1"), cycle.amplitude("q3"))
+        assert found == pytest.approx((known.q1, known.q3), abs=5e-6)
+        assert cycle.omega == pytest.approx(known.omega, abs=5e-4)
+
+
+@pytest.mark.slow
+def test_kaas_petersen_symmetric_folds(flanged):
+    """The two folds of symmetric cycles, with 47 harmonics, whose tails are 1e-5."""
+    _, _, branch, exact = flanged
+    known = (KAAS.POINTS["fold of the stable symmetric branch"], KAAS.POINTS["fold of another symmetric branch"])
+    for fold, V in zip(sorted(branch.folds(), key=lambda f: -f.value), known, strict=False):
+        assert hb.fold(exact, fold).value == pytest.approx(V, abs=6e-3)
+
+
+def test_kaas_petersen_without_flange():
+    system = KAAS.bogie(flange=False)
+    (hopf,) = hb.hopf_points(system, "V", KAAS.RANGE)
+    balance = hb.HarmonicBalance(31).equations(system)
+    branch = hb.trace(balance, hopf, "V", (45.0, 152.0), stability=False)
+    V, q1, omega = KAAS.FLANGELESS_FOLD
+    (fold,) = branch.folds()
+    assert fold.value == pytest.approx(V, abs=5e-3)
+    assert fold.orbit.amplitude("q1") == pytest.approx(q1, abs=1e-4)
+    assert fold.omega == pytest.approx(omega, abs=5e-3)
+    for known in KAAS.FLANGELESS:
+        cycle = largest(balance, branch, known.V, "q1")
+        assert (cycle.amplitude("q1"), cycle.amplitude("q3")) == pytest.approx((known.q1, known.q3), abs=1.5e-5)
+        assert cycle.omega == pytest.approx(known.omega, abs=6e-4)
+    beside = hb.trace(balance, hb.solve(balance, cycle, V=155.0), "V", (154.9, 157.0))
+    (fork,) = [s for s in beside.special if s.kind == "pitchfork"]
+    low, high = KAAS.FLANGELESS_PITCHFORK
+    assert low < fork.value < high
+
+
+@pytest.mark.slow
+def test_kaas_petersen_asymmetric_cycle_without_flange():
+    known = KAAS.FLANGELESS_ASYMMETRIC
+    system = KAAS.bogie(flange=False, V=known["V"])
+    cycle = next(o for o in hb.find_cycles(system, V=known["V"]) if o.verdict == "stable")
+    for name in ("q1", "q3"):
+        low, high = (end[cycle.index(name)] for end in cycle.extremes)
+        mirrored = (-high, -low)
+        found = min((low, high), mirrored, key=lambda ends: abs(ends[1] - known[name][1]))
+        assert found == pytest.approx(known[name], abs=1.5e-4)
+    assert cycle.omega == pytest.approx(known["omega"], abs=1e-3)
+
+
+@pytest.mark.slow
+def test_kaas_petersen_symmetry_breaks_and_a_torus(flanged):
+    """Pitchforks and the Neimark-Sacker point of the asymmetric branch, and two attractors between 102 and 110."""
+    system, _, branch, exact = flanged
+    start = hb.solve(exact, branch.orbits[-1], method="newton", V=140.0)
+    symmetric = hb.trace(exact, start, "V", (98.0, 141.0))
+    forks = sorted((s for s in symmetric.special if s.kind == "pitchfork"), key=lambda s: s.value)
+    assert [f.value for f in forks] == pytest.approx(KAAS.POINTS["pitchforks"], abs=2e-3)
+    asymmetric = hb.HarmonicBalance(47, odd=False).equations(system)
+    broken = hb.trace(asymmetric, forks[0], "V", (98.0, 141.0), stability=False)
+    for V, q1 in KAAS.ASYMMETRIC.items():
+        cycle = crossings(asymmetric, broken, V)[0]
+        assert cycle.amplitude("q1") == pytest.approx(q1, abs=5e-6)
+        assert hb.floquet(system, cycle).verdict == "stable"
+    torus = KAAS.POINTS["Neimark-Sacker"]
+    for V, verdict in ((torus - 0.03, "unstable"), (torus + 0.03, "stable")):
+        cycle = hb.verify(system, crossings(asymmetric, broken, V)[0]).orbit
+        assert cycle.stability.verdict == verdict
+        assert abs(cycle.stability.critical.imag) > 0.1
