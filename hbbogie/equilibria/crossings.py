@@ -176,7 +176,9 @@ def crossings(rest: Rest, box: Box, branch: RestBranch) -> Crossings:
         names.setdefault(NO_DERIVATIVE, []).extend(steps.u[~known, -1])
     spent, most = len(steps.u), MOST_STEPS[rest.system.n_states > MANY_STATES]
     while todo:
-        divided = [step for step in todo if _looked_at(steps, step, found, names)]
+        pairings = _paired(steps, todo)
+        doubtful = np.flatnonzero(~_quiet(pairings).all(axis=1))
+        divided = [todo[i] for i in doubtful if _looked_at(steps, todo[i], pairings[int(i)], found, names)]
         spent += len(divided)
         if spent > most:
             names.setdefault(NOT_LOCATED, []).extend(float(v) for step in divided for v in step.u[:, -1])
@@ -213,17 +215,30 @@ TOUCHES = "touches"
 NO_DERIVATIVE = "no derivative"
 
 
-def _looked_at(steps: Steps, step: Step, found: list[Crossing], names: dict[str, list[float]]) -> bool:
+def _paired(steps: Steps, todo: list[Step]) -> Pairing:
+    """Return the eigenvalues over steps, matched."""
+    u, values, slopes = (np.array([getattr(step, name) for step in todo]) for name in ("u", "values", "slopes"))
+    h = np.linalg.norm((u[:, 1] - u[:, 0]) / steps.metric, axis=1)
+    return Pairing.of(values[:, 0], values[:, 1], slopes[:, 0], slopes[:, 1], h)
+
+
+def _quiet(pairing: Pairing) -> NDArray[np.bool_]:
+    """Tell which eigenvalues surely stay on one side of the axis over their step."""
+    whole = np.concatenate([pairing.real(SHARES), pairing.extremes()], axis=-1)
+    clear = np.abs(whole).min(axis=-1) > SURE * pairing.error + ON_AXIS * pairing.size
+    return np.asarray(clear & (np.ptp(np.sign(whole), axis=-1) == 0))
+
+
+def _looked_at(
+    steps: Steps, step: Step, pairing: Pairing, found: list[Crossing], names: dict[str, list[float]]
+) -> bool:
     """Look at a step; add what is found there, and tell whether it has to be divided."""
-    h = float(np.linalg.norm((step.u[1] - step.u[0]) / steps.metric))
-    pairing = Pairing.of(step.values[0], step.values[1], step.slopes[0], step.slopes[1], h)
-    size = np.maximum(np.abs(pairing.start), np.abs(pairing.end))
+    size, quiet = pairing.size, _quiet(pairing)
     margin = ON_AXIS * size
     complex_at = [np.abs(z.imag) > REAL * size for z in (pairing.start, pairing.end)]
     moving, merging = complex_at[0] | complex_at[1], complex_at[0] != complex_at[1]
     course, error = pairing.real(SHARES), pairing.error
     whole = np.hstack([course, pairing.extremes()])
-    quiet = (np.abs(whole).min(axis=1) > SURE * error + margin) & (np.ptp(np.sign(whole), axis=1) == 0)
     resting = (np.abs(whole) <= margin[:, None]).all(axis=1)
     if (resting & moving).any():
         names.setdefault(ON_IT, []).extend(float(v) for v in step.u[:, -1])

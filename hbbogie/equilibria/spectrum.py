@@ -164,12 +164,12 @@ def matched(a: Complex, b: Complex) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """Eigenvalues over a step of length h, each matched to its partner: cubic in between.
+    """Eigenvalues over S steps, each matched to its partner: cubic in between.
 
     Attributes
     ----------
-    start, end : ndarray of complex, shape (k,), 1/s
-    rise, fall : ndarray of complex, shape (k,)
+    start, end : ndarray of complex, shape (S, k), 1/s
+    rise, fall : ndarray of complex, shape (S, k), 1/s
         Slopes at start and end, times the length of the step.
     """
 
@@ -179,35 +179,45 @@ class Pairing:
     fall: Complex
 
     @staticmethod
-    def of(a: Complex, b: Complex, da: Complex, db: Complex, h: float) -> Pairing:
-        """Match the eigenvalues at both ends of a step by where their slopes lead in the middle."""
+    def of(a: Complex, b: Complex, da: Complex, db: Complex, h: Array) -> Pairing:
+        """Match the eigenvalues at both ends of steps of length h, shape (S,), by where slopes lead in the middle."""
+        h = h[:, None]
         ahead, back = (_limited(x, np.where(np.isnan(d), 0.0, d) * h / 2) for x, d in ((a, da), (b, -db)))
-        order = np.argsort(matched(ahead, back))
-        b, rise, fall = b[order], da * h, db[order] * h
+        order = np.array([np.argsort(matched(x, y)) for x, y in zip(ahead, back, strict=True)])
+        b, rise, fall = np.take_along_axis(b, order, axis=1), da * h, np.take_along_axis(db, order, axis=1) * h
         return Pairing(a, b, np.where(np.isnan(rise), b - a, rise), np.where(np.isnan(fall), b - a, fall))
+
+    def __getitem__(self, step: int) -> Pairing:
+        """Return that of one step alone, without the first dimension."""
+        return Pairing(self.start[step], self.end[step], self.rise[step], self.fall[step])
+
+    @property
+    def size(self) -> Array:
+        """Larger modulus of each eigenvalue at the two ends, shape (S, k) [1/s]."""
+        return np.maximum(np.abs(self.start), np.abs(self.end))
 
     @property
     def error(self) -> Array:
-        """How much real parts and their slopes at both ends disagree, shape (k,) [1/s]."""
+        """How much real parts and their slopes at both ends disagree, shape (S, k) [1/s]."""
         return np.asarray(np.abs((self.end - self.start - (self.rise + self.fall) / 2).real))
 
     def real(self, x: Array) -> Array:
-        """Return the real parts at shares x of the step, of shape (m,) or (k, m); shape (k, m)."""
+        """Return the real parts at shares x of the step, of shape (m,) or (S, k, m); shape (S, k, m)."""
         a, _, da, _ = self._ends
         second, third = self._bends
         return np.asarray(a + x * (da + x * (second + x * third)))
 
     def extremes(self) -> Array:
-        """Return the real parts where they turn inside the step, at an end where they do not, shape (k, 2)."""
+        """Return the real parts where they turn inside the step, at an end where they do not, shape (S, k, 2)."""
         da, (second, third) = self._ends[2], self._bends
         with np.errstate(all="ignore"):
             q = -second - np.where(second >= 0, 1.0, -1.0) * np.sqrt(second**2 - 3 * third * da)
-            x = np.hstack([q / (3 * third), da / q])
+            x = np.concatenate([q / (3 * third), da / q], axis=-1)
         return self.real(np.where((x > 0) & (x < 1), x, 0.0))
 
     @property
     def _ends(self) -> tuple[Array, Array, Array, Array]:
-        a, b, da, db = (z.real[:, None] for z in (self.start, self.end, self.rise, self.fall))
+        a, b, da, db = (z.real[..., None] for z in (self.start, self.end, self.rise, self.fall))
         return a, b, da, db
 
     @property
