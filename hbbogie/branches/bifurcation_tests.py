@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
 from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.branches.judging import stability_of
 from hbbogie.deadline import time_is_over
@@ -91,7 +90,7 @@ class Probe:
         if not names:
             return {}
         wave = Waveform(system, orbit, system.vector(**orbit.parameters))
-        low, high = fourier.extremes(wave.u)
+        low, high = wave.u.extremes
         owner, d, g = wave.model.owner, wave.model.direction, wave.threshold
         reach = (np.where(d > 0, high[owner], -low[owner]) - g) / np.maximum(high - low, np.finfo(float).tiny)[owner]
         first = np.searchsorted(owner, owner)

@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
 from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.multiplier_points import Located, with_multipliers
@@ -233,7 +232,7 @@ def _special(
         )
     else:
         onward = crossing(curve, at.point, tangents[0] + tangents[1])
-        breaks = fourier.is_odd(orbit.coefficients, NEARLY_ODD) and not fourier.is_odd(onward.coefficients, NEARLY_ODD)
+        breaks = orbit.is_odd(NEARLY_ODD) and not onward.is_odd(NEARLY_ODD)
         name, what = ("pitchfork", "the symmetry breaks") if breaks else ("branch point", "another branch crosses")
         status = f"{what}; smallest singular value {abs(at.value(kind)):.1e} where located"
     if kind == "fold" and (doubt := doubt_at_fold(curve.equations.system, at.cycle)):

@@ -17,7 +17,7 @@ from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of, gradients
 from hbbogie.exact.method import ExactEquations
 from hbbogie.exact.points import Point
-from hbbogie.exact.starting import HIGHEST, at_grazing, exact_cycle, orbit_of, settled
+from hbbogie.exact.starting import at_grazing, exact_cycle, orbit_of, settled
 from hbbogie.exact.walk import TOLERANCE, Walk, follow
 from hbbogie.model.ranges import check_start
 from hbbogie.model.system import System
@@ -63,16 +63,14 @@ def exact_trace(
         special = replace(special, orbit=origin)
         walk = exact_walk(equations.system, special, interval, most)
         there = equations.system.with_parameters(**{parameter: special.value})
-        return exact_branch(
-            walk, onset(special, there, [point.value for point in walk.points[:2]]), equations.harmonics
-        )
+        return exact_branch(walk, onset(special, there, [point.value for point in walk.points[:2]]))
     try:
         point = exact_cycle(equations.system, origin, parameter)
     except ConvergenceError:  # next to a fold
         point = exact_cycle(equations.system, origin, parameter, free=True)
     forward, backward = (follow(p, interval, most=most) for p in (point, point.turned()))
     points = [*(p.turned() for p in backward.points[:0:-1]), *forward.points]
-    return _branch(points, parameter, (), (backward.end, forward.end), equations.harmonics)
+    return _branch(points, parameter, (), (backward.end, forward.end))
 
 
 def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Critical:
@@ -109,7 +107,7 @@ def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Criti
         extremum=extremum,
         omega=at.omega,
         gradient=slopes,
-        orbit=orbit_of(at, equations.harmonics),
+        orbit=orbit_of(at),
         residual=float(found.error[0]),
         curvature=curvature,
         status=f"{extremum} of {parameter} over the cycles near by, solved for in closed form",
@@ -117,16 +115,16 @@ def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Criti
     )
 
 
-def exact_branch(walk: Walk, hopf: SpecialPoint, harmonics: int = HIGHEST) -> Branch:
+def exact_branch(walk: Walk, hopf: SpecialPoint) -> Branch:
     """Return the points of a walk as orbits, with their multipliers, and the special ones among them."""
     start = f"the cycles of the Hopf point at {hopf.parameter} = {hopf.value:.6g} first touch a contact"
-    return _branch(walk.points, hopf.parameter, (hopf,), (Ending("began", start), walk.end), harmonics)
+    return _branch(walk.points, hopf.parameter, (hopf,), (Ending("began", start), walk.end))
 
 
 def _branch(
-    points: list[Point], parameter: str, special: tuple[SpecialPoint, ...], ends: tuple[Ending, Ending], harmonics: int
+    points: list[Point], parameter: str, special: tuple[SpecialPoint, ...], ends: tuple[Ending, Ending]
 ) -> Branch:
-    orbits = [orbit_of(point, harmonics) for point in points]
+    orbits = [orbit_of(point) for point in points]
     rows: list[tuple[float, Orbit, SpecialPoint | None]] = []
     for i, (point, orbit) in enumerate(zip(points, orbits, strict=True)):
         found = None
@@ -138,7 +136,7 @@ def _branch(
         rows.append((float(i), orbit, found))
     verdicts = [o.stability for o in orbits if o.stability is not None]
     for crossing in multiplier_crossings(points, verdicts):
-        orbit = orbit_of(crossing.point, harmonics)
+        orbit = orbit_of(crossing.point)
         value = crossing.point.value
         found = SpecialPoint(crossing.kind, parameter, value, crossing.interval, orbit, crossing.status)
         rows.append((crossing.before + 0.5, orbit, found))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hbbogie import fourier
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.collocation.method import CollocationEquations
@@ -118,7 +117,7 @@ def branch_of(followed: Followed, system: System, start: Orbit | SpecialPoint, *
 
 def _special(found: Special, system: System, parameter: str) -> SpecialPoint:
     orbit, kind, status = found.cycle.orbit(), found.kind, found.status
-    if kind == "branch point" and system.odd and fourier.is_odd(orbit.coefficients, NEARLY_ODD):
+    if kind == "branch point" and system.odd and orbit.is_odd(NEARLY_ODD):
         kind, status = "pitchfork", status.replace("another branch crosses", "the symmetry breaks")
     interval = found.value - found.error, found.value + found.error
     return SpecialPoint(kind, parameter, found.value, interval, orbit, status, extremum=found.extremum)

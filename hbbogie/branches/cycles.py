@@ -26,7 +26,7 @@ from hbbogie.stability.multipliers import floquet
 Array = NDArray[np.float64]
 LATE = "the time limit was reached"
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
-POLISHED = ("multiple shooting", "exact", "collocation")  # methods whose frequency needs no harmonics
+POLISHED = "multiple shooting"  # the method of cycles whose harmonics are then chosen
 
 
 @door(system=System, parameter=str)
@@ -61,8 +61,9 @@ def find_cycles(
         Where to look for Hopf points; by default twice the value (at least 1) to either side, within the
         parameter's bounds.
     harmonics : int or "auto"
-        Highest harmonic. "auto" gives the polished cycle with 15, 31, 63 or 127 harmonics, as the tolerance takes, or
-        as many as it has. With a number the cycles of harmonic balance next to the polished ones are given.
+        Highest harmonic. "auto" gives a cycle polished by shooting with 15, 31, 63 or 127 harmonics, as the tolerance
+        takes, or as many as it has; one in closed form or by collocation is given as it is. With a number the cycles of
+        harmonic balance next to the polished ones are given.
     tolerance : float
         Largest error of the waveform, relative to the peak, that "auto" is content with. The frequency is that of the
         polished cycle.

@@ -16,6 +16,7 @@ from hbbogie.methods.equations import Equations
 from hbbogie.model.ranges import check_interval
 from hbbogie.results import Branch, Orbit
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.periodic import FourierSeries
 from hbbogie.solving.expressions import Cycle, CycleLimit
 from hbbogie.solving.optimum import minimise
 
@@ -103,7 +104,7 @@ def _random_cycle(equations: Equations, parameter: str, value: float, random: np
         coordinates=system.coordinate_names,
         naming=system.naming,
         units=units,
-        coefficients=c,
+        motion=FourierSeries(c),
         omega=float(eigenvalues[0].imag),
         parameters=values,
         method="random",

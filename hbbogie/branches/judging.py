@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbbogie import fourier
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.results.branch import Branch
@@ -79,7 +78,7 @@ def polished_stability(system: System, orbit: Orbit) -> Stability | None:
         if abs(checked.omega_error) > NEAR * orbit.omega or checked.waveform_error > FAR:
             return None
         found = [checked.orbit.stability]
-        if fourier.is_odd(orbit.coefficients):
+        if orbit.is_odd():
             found.insert(0, floquet(system, checked.orbit))
     except FAILURES:
         return None

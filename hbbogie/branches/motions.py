@@ -19,6 +19,7 @@ from hbbogie.model.system import System
 from hbbogie.motion.integration import initial_state, states_after
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.periodic import FourierSeries
 from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
@@ -254,7 +255,7 @@ def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Or
         coordinates=system.coordinate_names,
         naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
-        coefficients=fourier.analysis(H, N) @ q,
+        motion=FourierSeries(fourier.analysis(H, N) @ q),
         omega=2 * np.pi / (back * h),
         parameters=dict(system.values),
         method="integration",

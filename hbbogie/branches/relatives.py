@@ -28,7 +28,7 @@ def relatives(system: System, orbit: Orbit) -> Iterator[tuple[str, Orbit]]:
         twice = np.concatenate([c[:1], c[even]])
         yield "half the period", orbit.replace(coefficients=twice, omega=2 * orbit.omega)
     symmetric = system.odd or is_odd(system.dynamics, system.vector())
-    if not symmetric or fourier.is_odd(c, ODD):
+    if not symmetric or orbit.is_odd(ODD):
         return
     yield "the mirror image", orbit.replace(coefficients=-c)
     if np.hypot(sizes[1], np.linalg.norm(c[0])) <= LESS * sizes[0]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie import fourier
 from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ def signature(orbit: Orbit) -> Array:
     next. The latter tell waves of one shape that run in different directions.
     """
     q, c = samples(orbit), orbit.coefficients
-    low, high = q.min(axis=0), q.max(axis=0)
+    low, high = (q.min(axis=0), q.max(axis=0)) if orbit.kept else orbit.extremes
     cos, sin = c[1::2], c[2::2]
     cos_next, sin_next = (np.roll(a, -1, axis=1) for a in (cos, sin))
     next_range = np.roll(np.maximum(high - low, 1e-6 * np.ptp(q, axis=0).max(initial=1e-300)), -1)
@@ -36,6 +37,8 @@ def signature(orbit: Orbit) -> Array:
 
 def samples(orbit: Orbit) -> Array:
     """Return the coordinates at equal distances over the period, shape (SAMPLES, n)."""
+    if not orbit.kept:
+        return orbit.at(fourier.phases(SAMPLES))
     c = orbit.coefficients
     waves = np.zeros((SAMPLES // 2 + 1, c.shape[1]), dtype=complex)
     waves[0], waves[1 : orbit.H + 1] = c[0], 0.5 * (c[1::2] - 1j * c[2::2])
@@ -55,6 +58,8 @@ def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
 
 def of_prime_period(orbit: Orbit) -> Orbit:
     """Return a cycle that was run through several times as one that is run through once."""
+    if not orbit.kept:  # solved for as a cycle of that period
+        return orbit
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
     size = np.maximum(waves.max(axis=0), 1e-12 * waves.max(initial=0.0))
     present = 1 + np.flatnonzero((waves > ABSENT * size).any(axis=1))

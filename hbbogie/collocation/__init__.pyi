@@ -3,10 +3,6 @@ from .elimination import Reduced as Reduced
 from .elimination import reduced as reduced
 from .equations import Linearised as Linearised
 from .equations import OnMesh as OnMesh
-from .mesh import Gauss as Gauss
-from .mesh import evaluated as evaluated
-from .mesh import gauss as gauss
-from .mesh import points_of as points_of
 from .method import Collocation as Collocation
 from .method import CollocationEquations as CollocationEquations
 from .rates import Rates as Rates

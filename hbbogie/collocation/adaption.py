@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hbbogie.collocation.curve import OnMeshCurve
 from hbbogie.collocation.equations import OnMesh
-from hbbogie.collocation.mesh import evaluated, points_of
 from hbbogie.collocation.solving import FIRST, MOST, adapted, errors_of
+from hbbogie.polynomials import evaluated, points_of
 from hbbogie.solving.arclength import correct
 from hbbogie.solving.curve import Point
 

@@ -1,4 +1,4 @@
-"""A cycle as a piecewise polynomial: plain data that answers everything about the motion."""
+"""A cycle by collocation as plain data: polynomials on a mesh, with error estimates and stability."""
 
 from __future__ import annotations
 
@@ -8,21 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie import fourier
 from hbbogie.brief import brief
-from hbbogie.collocation.mesh import equidistributed, evaluated, gauss, points_of
+from hbbogie.collocation.mesh import equidistributed
 from hbbogie.model.system import System
+from hbbogie.polynomials import evaluated, points_of
+from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.orbit import Orbit, Stability
+from hbbogie.results.piecewise import PiecewisePolynomial
 
 Array = NDArray[np.float64]
-ORDERS = (15, 31, 63, 127, 255, 511)  # highest harmonics of an orbit, the first that resolves it is taken
-TRIED = (63, 511)  # those for which the distance is measured
-LOOKED = 4  # samples, one of so many, at which the distance of the series is measured
-BLOCK = 16  # harmonics integrated at once
-RESOLVED = 1e-7  # largest distance of the Fourier series, relative to the range
-FINE = 8  # samples of an interval among which extremes are looked for
-REFINED = 4  # steps of Newton's method for them
-PIECE = 2.0  # phase [rad] of the highest harmonic over which a piece of an interval is integrated at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +47,7 @@ class CollocatedCycle:
     stability : Stability or None
     status : str
         How it was computed, a sentence.
+    naming : Naming
     """
 
     system: str
@@ -68,6 +63,7 @@ class CollocatedCycle:
     waveform_error: float = float("nan")
     stability: Stability | None = None
     status: str = ""
+    naming: Naming = NAMELESS
 
     __repr__ = brief
 
@@ -97,147 +93,51 @@ class CollocatedCycle:
         mesh = equidistributed(self.mesh, self.values / size, N)
         return replace(self, mesh=mesh, values=evaluated(self.mesh, self.values, points_of(mesh, degree)))
 
-    def _at(self, t: ArrayLike, derivative: int = 0) -> Array:
-        s = np.mod(np.atleast_1d(np.asarray(t, dtype=float)) / self.period, 1.0)
-        return evaluated(self.mesh, self.values, s, derivative) / self.period**derivative
+    @cached_property
+    def motion(self) -> PiecewisePolynomial:
+        """The motion over the phase omega t."""
+        values = self.values.copy()
+        values[..., self.n :] /= self.omega
+        return PiecewisePolynomial(np.array(self.second_order), self.mesh, values)
 
     def states(self, t: ArrayLike) -> Array:
         """Return the states at the times t [s], shape (len(t), n_states)."""
-        return self._at(t)
+        return evaluated(self.mesh, self.values, np.mod(np.atleast_1d(np.asarray(t, dtype=float)) / self.period, 1.0))
 
     def q(self, t: ArrayLike) -> Array:
         """Return the coordinates at the times t [s], shape (len(t), n)."""
-        return self._at(t)[:, : self.n]
+        return self.orbit().q(t)
 
     def v(self, t: ArrayLike) -> Array:
         """Return the velocities at the times t [s], shape (len(t), n)."""
-        v = self._at(t, 1)[:, : self.n]
-        v[:, list(self.second_order)] = self._at(t)[:, self.n :]
-        return v
-
-    def a(self, t: ArrayLike) -> Array:
-        """Return the accelerations at the times t [s], shape (len(t), n)."""
-        a = self._at(t, 2)[:, : self.n]
-        a[:, list(self.second_order)] = self._at(t, 1)[:, self.n :]
-        return a
-
-    @cached_property
-    def _samples(self) -> Array:
-        """The coordinates at equal distances in each interval, ends included, shape (N, FINE + 1, n)."""
-        basis = gauss(self.degree).basis(np.linspace(0, 1, FINE + 1))
-        return np.asarray(basis @ self.values[..., : self.n])
-
-    def extremes(self) -> tuple[Array, Array]:
-        """Return the smallest and largest value of each coordinate over the period, each of shape (n,)."""
-        x, every, found = self._samples, np.arange(self.n), []
-        for best in (x.reshape(-1, self.n).argmin(axis=0), x.reshape(-1, self.n).argmax(axis=0)):
-            i, k = np.unravel_index(best, x.shape[:2])
-            theta, values = k / FINE, self.values[i, :, every]
-            for _ in range(REFINED):
-                first, second = ((gauss(self.degree).basis(theta, d) * values).sum(axis=1) for d in (1, 2))
-                step = np.divide(-first, second, out=np.zeros_like(first), where=second != 0)
-                theta = np.clip(theta + np.clip(step, -1 / FINE, 1 / FINE), 0.0, 1.0)
-            found.append((gauss(self.degree).basis(theta) * values).sum(axis=1))
-        lowest, highest = x.min(axis=(0, 1)), x.max(axis=(0, 1))
-        return np.minimum(found[0], lowest), np.maximum(found[1], highest)
-
-    def mark(self) -> Array:
-        """Return frequency [rad/s], then means, smallest and largest values of the coordinates, shape (1 + 3 n,)."""
-        return np.concatenate([[self.omega], self.mean(), *self.extremes()])
+        return self.orbit().v(t)
 
     def amplitude(self, coordinate: str) -> float:
         """Return the peak, the largest absolute value over the period, of a coordinate [its unit]."""
-        i, (low, high) = self.coordinates.index(coordinate), self.extremes()
-        return float(max(-low[i], high[i]))
+        return self.orbit().amplitude(coordinate)
 
-    def _quadrature(self, pieces: NDArray[np.int_]) -> tuple[Array, Array, Array]:
-        """Return shares of the period, weights and coordinates, each interval divided into pieces."""
-        g, i = gauss(self.degree + 2), np.repeat(np.arange(len(pieces)), pieces)
-        first = np.cumsum(pieces) - pieces
-        theta = ((np.arange(len(i)) - first[i])[:, None] + g.c) / pieces[i, None]
-        h = np.diff(self.mesh)[i]
-        s, w = self.mesh[i, None] + h[:, None] * theta, (h / pieces[i])[:, None] * g.b
-        basis = gauss(self.degree).basis(theta.ravel()).reshape(*theta.shape, -1)
-        q = np.einsum("ikm,imn->ikn", basis, self.values[i][..., : self.n])
-        return s.ravel(), w.ravel(), q.reshape(-1, self.n)
+    def mark(self) -> Array:
+        """Return frequency [rad/s], then means, smallest and largest values of the coordinates, shape (1 + 3 n,)."""
+        return np.concatenate([[self.omega], self.motion.mean(), *self.motion.extremes])
 
-    def mean(self) -> Array:
-        """Return the mean of each coordinate over the period, shape (n,)."""
-        _, w, q = self._quadrature(np.ones(len(self.values), dtype=int))
-        return np.asarray(w @ q)
-
-    def rms(self) -> Array:
-        """Return the root mean square of each coordinate over the period, shape (n,)."""
-        _, w, q = self._quadrature(np.ones(len(self.values), dtype=int))
-        return np.sqrt(w @ q**2)
-
-    def harmonics(self, H: int) -> Array:
-        """Return the Fourier coefficients up to harmonic H, mean, cos 1, sin 1, cos 2, ..., shape (2 H + 1, n)."""
-        s, w, q = self._quadrature(np.ceil(2 * np.pi * H * np.diff(self.mesh) / PIECE).astype(int).clip(1))
-        out, weighted, turn = np.empty((2 * H + 1, self.n)), 2 * w[:, None] * q, np.exp(-2j * np.pi * s)
-        out[0] = w @ q
-        block = turn[:, None] ** np.arange(1, min(H, BLOCK) + 1)
-        ahead = block[:, -1:]
-        for h in range(1, H + 1, BLOCK):
-            c = block.T @ weighted
-            last = min(h + BLOCK - 1, H)
-            out[2 * h - 1 : 2 * last : 2], out[2 * h : 2 * last + 1 : 2] = (
-                c.real[: last - h + 1],
-                -c.imag[: last - h + 1],
-            )
-            block = block * ahead
-        return out
-
-    def orbit(self, H: int | None = None) -> Orbit:
-        """Return the cycle as its Fourier series.
-
-        Parameters
-        ----------
-        H : int, optional
-            Highest harmonic; where left out the first of 15, 31, 63, ... that resolves the motion, 511 at most.
-
-        Returns
-        -------
-        Orbit
-            Its period and stability are those of the polynomials; the error of the waveform contains the harmonics
-            left out, and the status tells it where they count.
-        """
-        order, left = 0, 0.0
-        samples = self._samples[:, :-1:LOOKED].reshape(-1, self.n)
-        s = (self.mesh[:-1, None] + np.diff(self.mesh)[:, None] * np.arange(0, FINE, LOOKED) / FINE).ravel()
-        peak = np.maximum(np.abs(samples).max(axis=0), np.finfo(float).tiny)
-        moving = peak > 1e-12 * peak.max()
-
-        def off(c: Array) -> float:
-            wave = fourier.synthesis(fourier.highest(c), 2 * np.pi * s) @ c
-            return float((np.abs(wave - samples).max(axis=0) / peak)[moving].max())
-
-        for order in (H,) if H else TRIED:
-            c = self.harmonics(order)
-            left = off(c)
-            if left <= RESOLVED:
-                break
-        if not H and left <= RESOLVED:
-            tails = (np.hypot(c[1::2], c[2::2]) / peak)[::-1, moving].cumsum(axis=0)[::-1].max(axis=1)
-            fewer = next((k for k in ORDERS if k < order and left + tails[k] <= RESOLVED), order)
-            c, left, order = fourier.resize(c, fewer), left + (tails[fewer] if fewer < order else 0.0), fewer
-        status = self.status
-        if left > RESOLVED:
-            status += f" Harmonics up to {order} are given; their waveform is off by {left:.1e} of its peak."
-        errors = {"omega": self.period_error * self.omega, "waveform": max(self.waveform_error, left)}
-        errors |= {c: errors["waveform"] * float(p) for c, p in zip(self.coordinates, peak, strict=True)}
+    def orbit(self) -> Orbit:
+        """Return the cycle as an orbit, which answers everything about its motion."""
+        peaks = np.abs(self.motion.extremes).max(axis=0)
+        errors = {"omega": self.period_error * self.omega, "waveform": self.waveform_error}
+        errors |= {c: self.waveform_error * float(p) for c, p in zip(self.coordinates, peaks, strict=True)}
         return Orbit(
             self.system,
             self.coordinates,
             self.units,
-            c,
+            self.motion,
             self.omega,
             dict(self.parameters),
             self.method,
             self.residual,
-            status.strip(),
+            self.status,
             self.stability,
             errors if np.isfinite(self.period_error) else None,
+            self.naming,
         )
 
 
@@ -254,4 +154,5 @@ def cycle_of(
         values,
         period,
         dict(system.values) if parameters is None else parameters,
+        naming=system.naming,
     )

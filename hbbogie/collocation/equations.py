@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hbbogie.brief import brief
 from hbbogie.collocation.elimination import Reduced, reduced
-from hbbogie.collocation.mesh import Gauss, evaluated, gauss, points_of
 from hbbogie.collocation.rates import Rates
+from hbbogie.polynomials import Gauss, evaluated, gauss, points_of
 
 Array = NDArray[np.float64]
 

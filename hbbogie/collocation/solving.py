@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from hbbogie.collocation.cycle import CollocatedCycle, cycle_of
 from hbbogie.collocation.equations import Linearised, OnMesh
-from hbbogie.collocation.mesh import equidistributed, evaluated
+from hbbogie.collocation.mesh import equidistributed
 from hbbogie.collocation.multipliers import Spectrum, spectrum_of, stability_of
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.starting import Sampled
 from hbbogie.errors import ModelError
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
+from hbbogie.polynomials import evaluated
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]

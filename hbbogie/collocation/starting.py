@@ -12,18 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import LSODA
 from scipy.interpolate import CubicHermiteSpline
 
-from hbbogie import fourier
 from hbbogie.brief import brief
 from hbbogie.collocation.cycle import CollocatedCycle, cycle_of
-from hbbogie.collocation.mesh import points_of, spread
+from hbbogie.collocation.mesh import spread
 from hbbogie.collocation.rates import Rates
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
+from hbbogie.polynomials import points_of
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
 
 Array = NDArray[np.float64]
-SAMPLES = 16  # of the highest harmonic, by which the first mesh is chosen
 CHUNK, CHUNKS = 400, 15  # steps between two looks at a motion, and looks
 ACCURACY = 1e-7  # of the integration
 CLOSED = 1e-4  # distance of two passages of a plane, relative to the range, that are one
@@ -83,11 +82,9 @@ def from_orbit(system: System, orbit: Orbit) -> Sampled:
 
     def states(s: Array) -> Array:
         tau = 2 * np.pi * s
-        q = fourier.synthesis(orbit.H, tau) @ orbit.coefficients
-        v = orbit.omega * fourier.synthesis(orbit.H, tau, 1) @ orbit.coefficients
-        return np.hstack([q, v[:, second]])
+        return np.hstack([orbit.at(tau), orbit.omega * orbit.at(tau, 1)[:, second]])
 
-    samples = np.linspace(0, 1, max(128, SAMPLES * orbit.H) + 1)
+    samples = orbit.motion.phases() / (2 * np.pi)
     return Sampled(system, states, samples, orbit.period, dict(orbit.parameters))
 
 

@@ -240,7 +240,7 @@ class Peak:
         z, p = equations.encode(cycle), point.system.vector(**{point.parameter: value})
         signal, slopes = equations.once(("peak", self.of), lambda: _signal(equations, self.of))
         tau = fourier.phases(32 * (cycle.H + 1))
-        q, v = (cycle.omega**d * fourier.synthesis(cycle.H, tau, d) @ cycle.coefficients for d in (0, 1))
+        q, v = (cycle.omega**d * cycle.at(tau, d) for d in (0, 1))
         s = signal.map(len(tau))(q.T, v.T, p).full().ravel()
         best, sign = float(tau[np.argmax(np.abs(s))]), float(np.sign(s[np.argmax(np.abs(s))]))
         for _ in range(4):

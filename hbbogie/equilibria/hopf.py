@@ -14,6 +14,7 @@ from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import HopfPoints, Orbit, SpecialPoint
 from hbbogie.results.equilibria import in_order
+from hbbogie.results.periodic import FourierSeries
 
 Array = NDArray[np.float64]
 ZERO = 1e-12  # share of the interval up to which a value is zero
@@ -97,7 +98,7 @@ def orbit_at(rest: Rest, value: float, coefficients: Array, omega: float, status
         system.name,
         system.coordinate_names,
         units,
-        coefficients,
+        FourierSeries(coefficients),
         omega,
         values,
         "linearisation",

@@ -9,7 +9,6 @@ from .critical import NominalDesign as NominalDesign
 from .critical import critical_values as critical_values
 from .critical import fold_near as fold_near
 from .critical import nominal_design as nominal_design
-from .cycle import ExactCycle as ExactCycle
 from .folding import Folds as Folds
 from .folding import fold_of as fold_of
 from .folding import gradients as gradients

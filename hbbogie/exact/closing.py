@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.sequence import Sequence
-from hbbogie.stability.exponential import exponentials_with_derivative
+from hbbogie.exponential import exponentials_with_derivative
 
 Array = NDArray[np.float64]
 

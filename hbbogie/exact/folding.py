@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.exact.closing import Closing, Linearised
-from hbbogie.stability.exponential import exponentials_with_derivative
+from hbbogie.exponential import exponentials_with_derivative
 
 Array = NDArray[np.float64]
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hbbogie.errors import ModelError
 from hbbogie.exact.model import SwitchedLinear, switched_linear
 from hbbogie.exact.points import Point
-from hbbogie.exact.starting import HIGHEST, exact_cycle, orbit_of
+from hbbogie.exact.starting import exact_cycle, orbit_of
 from hbbogie.exact.walk import follow
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
@@ -17,12 +16,6 @@ from hbbogie.results.failure import ConvergenceError
 @dataclass(frozen=True)
 class Exact:
     """Cycles in closed form, for systems that are linear between the switchings of piecewise-linear laws.
-
-    Parameters
-    ----------
-    harmonics : int
-        Highest harmonic of the series of the resulting orbits. Frequency, parameter, multipliers and special points do
-        not depend on it.
 
     Examples
     --------
@@ -36,8 +29,6 @@ class Exact:
     88.764113194
     """
 
-    harmonics: int = HIGHEST
-
     def equations(self, system: System) -> ExactEquations:
         """Return the equations of the system's cycles.
 
@@ -46,9 +37,7 @@ class Exact:
         ModelError
             When the system is not linear between switchings.
         """
-        if not (isinstance(self.harmonics, int) and self.harmonics >= 1):
-            raise ModelError(f"Exact: harmonics={self.harmonics!r}; give a whole number from 1.")
-        return ExactEquations(system, switched_linear(system), self.harmonics)
+        return ExactEquations(system, switched_linear(system))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +49,10 @@ class ExactEquations:
     system : System
         Its parameter values apply unless a solver is given others.
     model : SwitchedLinear
-    harmonics : int
-        Highest harmonic of the series of the resulting orbits.
     """
 
     system: System
     model: SwitchedLinear
-    harmonics: int
 
     def solve(self, guess: Orbit, **fixed: float) -> Orbit:
         """Return the cycle near a guess at given parameter values; see `hbbogie.solve`."""
@@ -74,13 +60,11 @@ class ExactEquations:
         changed = [name for name, value in system.values.items() if guess.parameters.get(name, value) != value]
         parameter = changed[0] if changed else system.parameter_names[0]
         try:
-            return orbit_of(
-                exact_cycle(system, guess.replace(parameters=dict(system.values)), parameter), self.harmonics
-            )
+            return orbit_of(exact_cycle(system, guess.replace(parameters=dict(system.values)), parameter))
         except ConvergenceError:
             if len(changed) != 1:
                 raise
-        return orbit_of(self._followed(guess, parameter, system.values[parameter]), self.harmonics)
+        return orbit_of(self._followed(guess, parameter, system.values[parameter]))
 
     def _followed(self, guess: Orbit, parameter: str, value: float) -> Point:
         """Return the cycle at a value of the parameter on the branch of a guess at another one."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.sequence import Sequence, Sides, crossed
-from hbbogie.stability.exponential import exponentials
+from hbbogie.exponential import exponentials
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from hbbogie import fourier
 from hbbogie.errors import ModelError
 from hbbogie.exact.batch import Fold
 from hbbogie.exact.closing import Closing, Frame
-from hbbogie.exact.cycle import ExactCycle
 from hbbogie.exact.model import SwitchedLinear, switched_linear
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.passing import sequence_passed
@@ -22,11 +21,11 @@ from hbbogie.exact.walk import SHORT
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.linear_phases import LinearPhases
 from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
 
-HIGHEST = 61  # highest harmonic in the series of an exact cycle, by default
 SAMPLES = 2048  # samples per period in the search for crossings of an orbit
 REPAIRS = 12  # largest number of corrections of the sequence
 SMALLEST = 1e-6  # smallest scale of a state, relative to the largest of its kind
@@ -128,13 +127,11 @@ def exact_cycle(system: System, orbit: Orbit, parameter: str, *, free: bool = Fa
         raise ModelError("exact_cycle: the orbit is an equilibrium; give a cycle.")
     place = system.parameter_names.index(system.parameter(parameter).name)
     p = system.vector(**orbit.parameters)
-    sigma = -1 if model.symmetric and fourier.is_odd(orbit.coefficients) else 1
+    sigma = -1 if model.symmetric and orbit.is_odd() else 1
     waveform = Waveform(system, orbit, p)
     sequence, begin, h = _sequence_along(model, waveform, sigma)
-    frame = frame_of(
-        model, fourier.synthesis(orbit.H, fourier.phases(256)) @ waveform.all_states, orbit.omega, p, place
-    )
-    x = (fourier.synthesis(orbit.H, begin) @ waveform.all_states)[0]
+    frame = frame_of(model, waveform.all_states.at(fourier.phases(256)), orbit.omega, p, place)
+    x = waveform.all_states.at(np.array([begin]))[0]
     y = np.concatenate([x / frame.state[0, :-1], h, [p[place] / frame.parameter[0]]])
     return settled(Closing(model, sequence, p[None], place, frame), y, free)
 
@@ -201,40 +198,37 @@ def _by_rules(closing: Closing, y: Array, free: bool) -> Point | None:
     return None
 
 
-def cycle_of(point: Point | Fold) -> ExactCycle:
-    """Return a point of a branch, or the fold of a design, as plain data."""
+def cycle_of(point: Point | Fold) -> Orbit:
+    """Return a point of a branch, or the fold of a design, as an orbit, its stability not judged."""
     closing, y, n = point.closing, point.y, point.closing.n
     sequence, frame, system = closing.sequence, closing.frame, closing.model.system
     p = closing.parameters(y[None])[0]
     A, _ = closing.model.matrices(sequence.states, np.repeat(p[None], len(sequence.states), axis=0))
-    return ExactCycle(
-        system.coordinate_names,
-        np.array(sequence.sides),
-        sequence.events,
+    durations = y[n : n + sequence.S] / frame.rate[0]
+    omega = 2 * np.pi / (durations.sum() * (2 if sequence.sigma < 0 else 1))
+    motion = LinearPhases(
+        system.n,
         sequence.sigma,
+        np.array(sequence.sides),
+        np.array(sequence.events),
         np.append(y[:n], 1.0) * frame.state[0],
-        y[n : n + sequence.S] / frame.rate[0],
-        A[sequence.of],
-        dict(zip(system.parameter_names, map(float, p), strict=True)),
+        omega * durations,
+        A[sequence.of] / omega,
     )
-
-
-def orbit_of(point: Point, H: int = HIGHEST) -> Orbit:
-    """Return a point of a branch as an orbit with multipliers and verdict: the Fourier series of the exact cycle.
-
-    Frequency and multipliers are exact. The motion is truncated after harmonic H.
-    """
-    cycle, system = cycle_of(point), point.closing.model.system
     return Orbit(
         system.name,
         system.coordinate_names,
         tuple(c.unit for c in system.coordinates),
-        cycle.coefficients(H),
-        cycle.omega,
-        cycle.parameters,
+        motion,
+        float(omega),
+        dict(zip(system.parameter_names, map(float, p), strict=True)),
         "exact",
-        float(np.abs(point.at.F).max()),
-        f"cycle in closed form, {point.closing.sequence.S} phases",
-        stabilities(point.closing, point.y[None], point.at)[0],
+        status=f"cycle in closed form, {sequence.S} phases",
         naming=system.naming,
     )
+
+
+def orbit_of(point: Point) -> Orbit:
+    """Return a point of a branch as an orbit with multipliers and verdict, all of them exact."""
+    stability = stabilities(point.closing, point.y[None], point.at)[0]
+    return cycle_of(point).replace(residual=float(np.abs(point.at.F).max()), stability=stability)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hbbogie.exact.closing import Closing, Linearised
 from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.sequence import Sequence
-from hbbogie.stability.exponential import exponentials
+from hbbogie.exponential import exponentials
 
 Array = NDArray[np.float64]
 

@@ -35,6 +35,7 @@ from hbbogie.methods.equivalent import EquivalentSystem, NeutralMode
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.periodic import FourierSeries
 
 Array = NDArray[np.float64]
 AGREED = 1e-12  # objective up to which inputs and outputs count as compatible
@@ -188,7 +189,7 @@ def _orbit(equivalent: EquivalentSystem, first: int, a1: float, found: NeutralMo
         coordinates=system.coordinate_names,
         naming=system.naming,
         units=tuple(c.unit for c in system.coordinates),
-        coefficients=np.array([np.zeros(system.n), mode.real, -mode.imag]),
+        motion=FourierSeries(np.array([np.zeros(system.n), mode.real, -mode.imag])),
         omega=found.omega,
         parameters=dict(zip(system.parameter_names, map(float, p), strict=True)),
         method="equivalent linearisation",

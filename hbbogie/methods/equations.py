@@ -19,6 +19,7 @@ from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.once import Once
 from hbbogie.results import Orbit
+from hbbogie.results.periodic import FourierSeries
 
 Array = NDArray[np.float64]
 LOPSIDED = 0.01  # mean and even harmonics, relative to the largest coefficient, beyond which an orbit is not odd
@@ -127,7 +128,7 @@ class Equations:
         names = self.system.coordinate_names
         if self.phase is None or orbit.H == 0 or orbit.coordinates != names:
             return self
-        if self.with_even is not None and not fourier.is_odd(orbit.coefficients, LOPSIDED):
+        if self.with_even is not None and not orbit.is_odd(LOPSIDED):
             return self.with_even(self.system).phased(orbit)
         if self.with_phase is None:
             return self
@@ -148,7 +149,7 @@ class Equations:
                 f"the guess is an orbit of {orbit.system!r} with coordinates {', '.join(orbit.coordinates)}; "
                 f"the equations are those of {self.system.name!r} with {', '.join(self.system.coordinate_names)}."
             )
-        c = orbit.coefficients
+        c = orbit.harmonics(max(orbit.H, (self.coefficients.size1_out(0) - 1) // 2))
         if self.phase is not None:
             if orbit.H == 0 or np.hypot(*c[1:3, self.phase]) == 0:
                 raise ModelError(
@@ -168,7 +169,7 @@ class Equations:
             coordinates=system.coordinate_names,
             naming=system.naming,
             units=tuple(c.unit for c in system.coordinates),
-            coefficients=np.asarray(self.coefficients(z, p).full()),
+            motion=FourierSeries(np.asarray(self.coefficients(z, p).full())),
             omega=float(self.frequency(z)),
             parameters=dict(zip(system.parameter_names, map(float, p), strict=True)),
             method=self.method,

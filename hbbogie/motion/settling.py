@@ -15,6 +15,7 @@ from hbbogie.errors import ModelError, door, positive
 from hbbogie.model.system import System
 from hbbogie.motion.integration import Initial, default_step, simulate
 from hbbogie.results import Orbit, Trajectory
+from hbbogie.results.periodic import FourierSeries
 
 Array = NDArray[np.float64]
 
@@ -249,7 +250,7 @@ def last_orbit(system: System, trajectory: Trajectory, H: int, coordinate: str |
         coordinates=trajectory.coordinates,
         naming=trajectory.naming,
         units=trajectory.units,
-        coefficients=fourier.shift(c, float(np.arctan2(sine, cosine))),
+        motion=FourierSeries(fourier.shift(c, float(np.arctan2(sine, cosine)))),
         omega=2 * np.pi / T,
         parameters=dict(trajectory.parameters),
         method="integration",

@@ -74,8 +74,11 @@ def animate(
         raise ModelError("animate: the orbit is an equilibrium, which does not move; give a cycle or a trajectory.")
     frames, target = whole("animate: frames", frames, 2), check_target(path)
     cycle = isinstance(motion, Orbit)
-    length = PERIODS * motion.period if isinstance(motion, Orbit) else float(motion.t[-1])
-    t = np.linspace(0.0, length, 2000)
+    if isinstance(motion, Orbit):
+        length = PERIODS * motion.period
+        t = (motion.period * np.arange(PERIODS)[:, None] + motion.times()).ravel()
+    else:
+        t = np.linspace(0.0, length := float(motion.t[-1]), 2000)
     stops = np.linspace(0.0, motion.period if isinstance(motion, Orbit) else length, frames, endpoint=not cycle)
     name, unit = coordinate_of(motion, coordinate)
     i, q = motion.index(name), _sampled(motion, stops, 0)

@@ -56,7 +56,7 @@ def orbit(
     up, unit_y = coordinate_of(many[0], y) if y else (f"velocity of {across}", per_second(unit_x))
     curves = []
     for o in many:
-        t = np.linspace(0.0, o.period, 1 + max(400, 32 * o.H)) if o.H else np.zeros(1)
+        t = o.times()
         u, v = o.q(t), o.v(t)
         curves.append((u[:, o.index(across)], u[:, o.index(y)] if y else v[:, o.index(across)]))
     given, ax = ax, axes(ax)
@@ -94,7 +94,7 @@ def waveform(
     many = _orbits(orbits)
     moves = []
     for o in many:
-        t = np.linspace(0.0, o.period if o.H else 1.0, 1 + max(400, 32 * o.H))
+        t = o.times() if o.H else np.linspace(0.0, 1.0, 2)
         moves.append((_name(o, many, labels), t, o.q(t)))
     given, ax = ax, axes(ax)
     _over_time(many[0], moves, coordinates, ax, dresses(many))
@@ -261,5 +261,5 @@ def _name(o: Orbit, many: Sequence[Orbit], labels: Sequence[str] | None) -> str:
     if len(many) == 1:
         return "_"
     differ = [p for p in o.parameters if len({other.parameters.get(p) for other in many}) > 1]
-    orders = [f"H = {o.H}"] if len({other.H for other in many}) > 1 else []
+    orders = [f"H = {o.kept}"] if o.kept is not None and len({other.kept for other in many}) > 1 else []
     return ", ".join([*(o.naming.value(p, o.parameters[p], 5) for p in differ), *orders, *verdict]) or "_"

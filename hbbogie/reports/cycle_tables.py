@@ -31,7 +31,7 @@ def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cy
         sizes = [*(o.amplitude(c) for c, _ in named), *(o.first_harmonic(c) for c, _ in named)]
         verdict = o.stability.verdict if o.stability else None
         error = o.errors["waveform"] if o.errors else None
-        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, o.largest_multiplier, o.H, error))
+        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, o.largest_multiplier, o.kept, error))
     reasons = [
         f"Cycle {i + 1}: {o.stability.reason}"
         for i, o in enumerate(orbits)

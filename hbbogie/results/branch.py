@@ -249,7 +249,7 @@ class Branch:
             columns[f"first harmonic {c}"] = unit or "1", self.first_harmonic(c)
         columns["stability"] = "", list(self.verdicts)
         columns["largest multiplier"] = "1", [o.largest_multiplier for o in self.orbits]
-        columns["highest harmonic"] = "1", [o.H for o in self.orbits]
+        columns["highest harmonic"] = "1", [o.kept for o in self.orbits]
         columns["residual"] = "1", [o.residual for o in self.orbits]
         columns["method"] = "", [o.method for o in self.orbits]
         index = pd.Index(self.values, name=self.parameter)

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie import fourier
 from hbbogie.brief import lines
 from hbbogie.errors import named
 from hbbogie.results.naming import NAMELESS, Naming
-from hbbogie.results.netcdf import _pack_complex, _unpack_complex, read, write
+from hbbogie.results.netcdf import read, write
+from hbbogie.results.periodic import FourierSeries, PeriodicMotion
 from hbbogie.results.pictures import draw, page
 from hbbogie.results.stability import Stability
+from hbbogie.results.stored import names_of, pack_motions, pack_verdicts, unpack_motions, unpack_verdict
 from hbbogie.units import readable
 
 if TYPE_CHECKING:
@@ -31,9 +32,10 @@ NOT_RESOLVED = "not resolved"  # what the status of a fold says that more harmon
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A periodic motion, or an equilibrium (H = 0), as Fourier coefficients.
+    """A periodic motion, or an equilibrium (H = 0).
 
-    ``q(t) = c[0] + sum_h c[2 h - 1] cos(h omega t) + c[2 h] sin(h omega t)``
+    The motion is stored as its method found it: as Fourier coefficients, as phases that are linear between switchings,
+    or as a piecewise polynomial. An orbit answers the same questions whichever it is.
 
     Attributes
     ----------
@@ -41,7 +43,9 @@ class Orbit:
         Name of the system.
     coordinates, units : tuple of str
         Names and units of the n coordinates.
-    coefficients : ndarray, shape (2 H + 1, n), unit of the coordinate
+    motion : FourierSeries, LinearPhases or PiecewisePolynomial
+        The coordinates over the phase omega t; an array, shape (2 H + 1, n), counts as Fourier coefficients (see
+        ``coefficients``).
     omega : float, rad/s
     parameters : dict
         Value of every parameter of the system.
@@ -63,7 +67,7 @@ class Orbit:
     system: str
     coordinates: tuple[str, ...]
     units: tuple[str, ...]
-    coefficients: Array
+    motion: PeriodicMotion
     omega: float
     parameters: dict[str, float]
     method: str = ""
@@ -73,10 +77,32 @@ class Orbit:
     errors: dict[str, float] | None = None
     naming: Naming = NAMELESS
 
+    def __post_init__(self) -> None:
+        if isinstance(self.motion, np.ndarray):
+            object.__setattr__(self, "motion", FourierSeries(np.asarray(self.motion, dtype=float)))
+
     @property
     def H(self) -> int:
-        """Highest harmonic."""
-        return fourier.highest(self.coefficients)
+        """Highest harmonic of ``coefficients``; 0 for an equilibrium."""
+        return self.motion.H
+
+    @property
+    def kept(self) -> int | None:
+        """Highest harmonic where the motion is stored as a Fourier series; None where it is not."""
+        return self.H if isinstance(self.motion, FourierSeries) else None
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """Fourier coefficients, shape (2 H + 1, n) [unit of the coordinate].
+
+        ``q(t) = c[0] + sum_h c[2 h - 1] cos(h omega t) + c[2 h] sin(h omega t)``, which is the motion where it is
+        stored so, and its series cut off after harmonic H otherwise.
+        """
+        return self.motion.coefficients(self.H)
+
+    def harmonics(self, H: int) -> Array:
+        """Return the Fourier coefficients up to harmonic H, shape (2 H + 1, n) [unit of the coordinate]."""
+        return self.motion.coefficients(H)
 
     @property
     def period(self) -> float:
@@ -93,16 +119,24 @@ class Orbit:
         name = named(f"orbit of {self.system!r}", "coordinate", coordinate, self.coordinates)
         return self.coordinates.index(name)
 
-    @cached_property
+    @property
     def extremes(self) -> tuple[Array, Array]:
         """Smallest and largest value of each coordinate over the period, each of shape (n,) [its unit]."""
-        return fourier.extremes(self.coefficients)
+        return self.motion.extremes
 
     def amplitude(self, coordinate: str) -> float:
         """Return the peak, the largest absolute value over the period, of a coordinate [its unit]."""
         i = self.index(coordinate)
         low, high = self.extremes
         return float(max(-low[i], high[i]))
+
+    def mean(self, coordinate: str) -> float:
+        """Return the mean of a coordinate over the period [its unit]."""
+        return float(self.motion.mean()[self.index(coordinate)])
+
+    def rms(self, coordinate: str) -> float:
+        """Return the root mean square of a coordinate over the period [its unit]."""
+        return float(self.motion.rms()[self.index(coordinate)])
 
     def first_harmonic(self, coordinate: str) -> float:
         """Return the amplitude of the first harmonic of a coordinate [its unit]; 0 for an equilibrium."""
@@ -117,21 +151,44 @@ class Orbit:
     def tail(self) -> float:
         """Largest coefficient of the four highest harmonics, relative to the largest of all [1].
 
-        A hint whether the harmonics kept resolve the motion; 0 for an equilibrium.
+        A hint whether the harmonics kept resolve the motion; 0 for an equilibrium, and where no harmonics were left out
+        because the motion is stored in another form.
         """
-        moving = np.abs(self.coefficients[1:])
-        return float(moving[-8:].max() / moving.max()) if self.H and moving.max() > 0 else 0.0
+        moving = np.abs(self.motion.c[1:]) if isinstance(self.motion, FourierSeries) else np.zeros(1)
+        return float(moving[-8:].max() / moving.max()) if moving.max(initial=0.0) > 0 else 0.0
+
+    def is_odd(self, tolerance: float = 1e-9) -> bool:
+        """Tell whether q(t + T / 2) = -q(t), up to a distance relative to the largest value."""
+        return self.motion.is_odd(tolerance)
+
+    def at(self, tau: ArrayLike, derivative: int = 0) -> Array:
+        """Return the coordinates, or a derivative of theirs in tau, at the phases tau [rad], shape (len(tau), n)."""
+        return self.motion.at(np.atleast_1d(np.asarray(tau, dtype=float)), derivative)
 
     def q(self, t: ArrayLike) -> Array:
         """Return the coordinates at the times t [s], shape (len(t), n)."""
-        return fourier.synthesis(self.H, self.omega * np.atleast_1d(t)) @ self.coefficients
+        return self.at(self.omega * np.asarray(t, dtype=float))
 
     def v(self, t: ArrayLike) -> Array:
         """Return the velocities at the times t [s], shape (len(t), n)."""
-        return self.omega * fourier.synthesis(self.H, self.omega * np.atleast_1d(t), 1) @ self.coefficients
+        return self.omega * self.at(self.omega * np.asarray(t, dtype=float), 1)
+
+    def a(self, t: ArrayLike) -> Array:
+        """Return the accelerations at the times t [s], shape (len(t), n)."""
+        return self.omega**2 * self.at(self.omega * np.asarray(t, dtype=float), 2)
+
+    def times(self) -> Array:
+        """Return times from 0 to the period, close where the motion is fast, shape (K,) [s]; 0 for an equilibrium."""
+        return self.motion.phases() / self.omega if self.H else np.zeros(1)
 
     def replace(self, **changes: Any) -> Orbit:
-        """Return the orbit with some fields changed."""
+        """Return the orbit with some fields changed.
+
+        A new ``omega`` runs through the same motion at another frequency. New ``coefficients`` take the place of the
+        ``motion``, in whichever form that was.
+        """
+        if "coefficients" in changes:
+            changes["motion"] = FourierSeries(np.asarray(changes.pop("coefficients"), dtype=float))
         return replace(self, **changes)
 
     @property
@@ -158,11 +215,12 @@ class Orbit:
         peaks = list(self.peaks().items())
         shown = ", ".join(f"{name} {text}".strip() for name, text in peaks[:PEAKS])
         largest = self.largest_multiplier
+        series = "" if self.kept is None else f"highest harmonic {self.kept}, "
         return lines(
             f"{self.system}: {kind}, {judged}, at {self.naming.values(self.parameters)}".removesuffix(", at "),
             f"period {self.period:.7g} s, omega {self.omega:.7g} rad/s, {self.frequency:.6g} Hz" if self.H else "",
             f"peaks {shown}" + (f" and {len(peaks) - PEAKS} more" if len(peaks) > PEAKS else ""),
-            f"{self.method or 'no method named'}, highest harmonic {self.H}, residual {self.residual:.1g}",
+            f"{self.method or 'no method named'}, {series}residual {self.residual:.1g}",
             f"error of the waveform {self.errors['waveform']:.1g} of its peak" if self.errors else "",
             "" if largest is None else f"largest multiplier {largest:.6g}",
             self.stability.reason if self.stability else "",
@@ -220,15 +278,10 @@ class Orbit:
 
 
 def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> dict[str, Any]:
-    """Return the variables of orbits of one system, padded to one highest harmonic."""
-    H = max(o.H for o in orbits)
-    row = "row" if not prefix else prefix + "row"
-    stack = np.array([fourier.resize(o.coefficients, H) for o in orbits])
+    """Return the variables of orbits of one system."""
     units = set(orbits[0].units)
     own = {"units": (units.pop() or "1") if len(units) == 1 else "those of coordinate_unit"}
-    data: dict[str, Any] = {
-        "coefficients": ((dimension, row, "coordinate"), stack, own | {"layout": "mean, cos 1, sin 1, cos 2, ..."}),
-        "highest_harmonic": (dimension, [o.H for o in orbits], {"units": "1"}),
+    data: dict[str, Any] = pack_motions([o.motion for o in orbits], dimension, prefix, own) | {
         "omega": (dimension, [o.omega for o in orbits], {"units": "rad/s", "long_name": "frequency"}),
         "parameters": (
             (dimension, "parameter"),
@@ -245,31 +298,17 @@ def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> dict[str,
         "method": (dimension, np.array([o.method for o in orbits], dtype=str)),
         "status": (dimension, np.array([o.status for o in orbits], dtype=str)),
     }
-    if any(o.stability for o in orbits):
-        judged = [o.stability for o in orbits]
-        data |= {
-            "stability": (dimension, np.array([s.verdict if s else "" for s in judged], dtype=str)),
-            "stability_reason": (dimension, np.array([s.reason if s else "" for s in judged], dtype=str)),
-            "trivial_error": (dimension, [s.trivial_error if s else np.nan for s in judged], {"units": "1"}),
-            "unstable": (dimension, [s.unstable if s else -1 for s in judged], {"units": "1"}),
-        }
-        critical = [None if s is None or s.critical is None else np.array([s.critical]) for s in judged]
-        for name, second, rows in (
-            ("multipliers", "multiplier", [s.multipliers if s else None for s in judged]),
-            ("half_multipliers", "multiplier", [s.half_multipliers if s else None for s in judged]),
-            ("critical", None, critical),
-            ("mode", "state", [s.mode if s else None for s in judged]),
-        ):
-            data |= _pack_complex(name, rows, (dimension, prefix + second) if second else (dimension,))
+    data |= pack_verdicts([o.stability for o in orbits], dimension, prefix)
     return {prefix + name: value for name, value in data.items()}
 
 
 def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
     """Return the orbits that `pack` put into a dataset."""
-    get = {name: data[prefix + name].values for name in ("coefficients", "highest_harmonic", "omega", "parameters")}
+    get = {name: data[prefix + name].values for name in ("omega", "parameters")}
+    motions = unpack_motions(data, prefix)
     coordinates = tuple(str(c) for c in data["coordinate"].values)
     names = [str(p) for p in data["parameter"].values]
-    units, naming = _named(data)
+    units, naming = names_of(data)
     orbits = []
     for i in range(len(get["omega"])):
         orbits.append(
@@ -277,50 +316,18 @@ def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
                 system=str(data.attrs["system"]),
                 coordinates=coordinates,
                 units=units,
-                coefficients=fourier.resize(get["coefficients"][i], int(get["highest_harmonic"][i])),
+                motion=motions[i],
                 omega=float(get["omega"][i]),
                 parameters=dict(zip(names, map(float, get["parameters"][i]), strict=True)),
                 method=str(data[prefix + "method"].values[i]),
                 residual=float(data[prefix + "residual"].values[i]),
                 status=str(data[prefix + "status"].values[i]),
-                stability=_judged(data, prefix, i),
+                stability=unpack_verdict(data, prefix, i),
                 errors=json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
                 naming=naming,
             )
         )
     return orbits
-
-
-def _judged(data: xr.Dataset, prefix: str, i: int) -> Stability | None:
-    """Return the stability of an orbit in a dataset; None where it was not judged."""
-    if prefix + "stability" not in data or not str(data[prefix + "stability"].values[i]):
-        return None
-    multipliers = _unpack_complex(data, prefix + "multipliers", i)
-    critical = _unpack_complex(data, prefix + "critical", i)
-    return Stability(
-        str(data[prefix + "stability"].values[i]),
-        np.empty(0, dtype=complex) if multipliers is None else multipliers,
-        float(data[prefix + "trivial_error"].values[i]),
-        int(data[prefix + "unstable"].values[i]),
-        str(data[prefix + "stability_reason"].values[i]),
-        _unpack_complex(data, prefix + "half_multipliers", i),
-        None if critical is None else complex(critical[0]),
-        _unpack_complex(data, prefix + "mode", i),
-    )
-
-
-def _named(data: xr.Dataset) -> tuple[tuple[str, ...], Naming]:
-    """Return the units of the coordinates, and the naming, of a dataset."""
-    if "coordinate_unit" not in data.coords:  # files of version 0.1 hold the units of the coordinates only
-        units = tuple(json.loads(data.attrs["units"]))
-        return units, NAMELESS
-    found: dict[str, dict[str, str]] = {"unit": {}, "description": {}}
-    for kind in ("coordinate", "parameter"):
-        for what, texts in found.items():
-            texts |= zip(map(str, data[kind].values), map(str, data[f"{kind}_{what}"].values), strict=True)
-    units = tuple(found["unit"][str(c)] for c in data["coordinate"].values)
-    known = [{name: text for name, text in texts.items() if text} for texts in found.values()]
-    return units, Naming(*known)
 
 
 def labels_of(orbit: Orbit) -> dict[str, Any]:

@@ -1,5 +1,3 @@
-from .exponential import exponentials as exponentials
-from .exponential import exponentials_with_derivative as exponentials_with_derivative
 from .hill_method import HillStability as HillStability
 from .hill_method import hill as hill
 from .jumps import passages_of as passages_of

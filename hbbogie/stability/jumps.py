@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
 from hbbogie.model.elements import AttachedLaw
 from hbbogie.model.system import System
 from hbbogie.stability.shooting import Path, Shooting, field_of
@@ -100,7 +99,7 @@ def passages_along(waveform: Waveform, mesh: Array) -> Passages:
                 now = then
     if not place:
         return _none(system)
-    x = fourier.synthesis(waveform.H, phases[place]) @ waveform.all_states
+    x = waveform.all_states.at(phases[place])
     sides = np.array(lines)
     when = phases[place] / mesh[-1]
     return _passages(system, waveform.p, np.array(place), when, np.array(contact), x, sides[:, 0], sides[:, 1])

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
 from hbbogie.errors import ModelError, door
 from hbbogie.model.conserved import conserved_quantities, expression, state_names
 from hbbogie.model.parts import is_odd
@@ -111,8 +110,8 @@ def floquet(
     parts = 2 if halved else 1
     log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
     trace = parts * (along.trace + passages.log_determinant)
-    size = np.abs(waveform.all_states).sum(axis=0)
-    x = (fourier.synthesis(orbit.H, along.mesh[:1]) @ waveform.all_states)[0]
+    size = waveform.all_states.size
+    x = waveform.all_states.at(along.mesh[:1])[0]
     motion = Motion(system.ode(x, p).full().ravel(), size, conserved_quantities(system, p, size), state_names(system))
     return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance, motion)
 
@@ -121,7 +120,7 @@ def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
     """Return whether half a period is to be integrated; raise `ModelError` if it is requested but not sufficient."""
     if half is False:
         return False
-    odd = fourier.is_odd(orbit.coefficients)
+    odd = orbit.is_odd()
     if orbit.H == 0:
         why = "the orbit is an equilibrium"
     elif not (system.odd or (odd and is_odd(system.dynamics, system.vector(**orbit.parameters)))):

@@ -138,13 +138,16 @@ class Shooting:
         self.p = system.vector(**orbit.parameters)
         self.field, self.arguments = field_of(system)
         second = [i for i, s in enumerate(system.second_order) if s]
-        c = np.hstack([orbit.coefficients, orbit.omega * fourier.derivative(orbit.coefficients)[:, second]])
-        grid = fourier.synthesis(orbit.H, fourier.phases(max(256, 4 * orbit.H)))
-        size, positions = np.abs(grid @ c).max(axis=0), np.arange(system.n_states) < system.n
+        self.second = second
+        size = np.abs(self._guess(fourier.phases(max(256, 4 * orbit.H)))).max(axis=0)
+        positions = np.arange(system.n_states) < system.n
         for group in (positions, ~positions):  # a state at rest must not require infinite precision
             size[group] = np.maximum(size[group], 1e-6 * size[group].max(initial=0.0))
         self.scale = np.where(size > 0, size, 1.0)
-        self.c = c / self.scale
+
+    def _guess(self, tau: Array) -> Array:
+        """Return the states of the orbit at phases tau [rad], shape (len(tau), n_states)."""
+        return np.hstack([self.orbit.at(tau), self.orbit.omega * self.orbit.at(tau, 1)[:, self.second]])
 
     def start(self, tolerance: float) -> Path:
         """Return the orbit's own waveform on a mesh that resolves it."""
@@ -155,7 +158,7 @@ class Shooting:
             length = self.pattern.lengths[segment] * share
             begin = self.pattern.starts[0] + np.cumsum(length) - length
             tau = begin[:, None] + length[:, None] * np.r_[0.0, NODES]
-            x = (fourier.synthesis(self.orbit.H, tau.ravel()) @ self.c).reshape(*tau.shape, -1)
+            x = (self._guess(tau.ravel()) / self.scale).reshape(*tau.shape, -1)
             path = Path(segment, share, x[:, 0], x[:, 1:], self.pattern.lengths / self.orbit.omega)
             pieces = self.pieces(path, self.rates(path)[0], tolerance)
             if (pieces == 1).all() or pieces.sum() > MOST:

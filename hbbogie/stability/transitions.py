@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
+from hbbogie.exponential import exponentials
 from hbbogie.model.system import System
-from hbbogie.stability.exponential import exponentials
 from hbbogie.stability.variation import Model, Waveform
 
 Array = NDArray[np.float64]

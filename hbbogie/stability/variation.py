@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie import fourier
 from hbbogie.errors import ModelError
 from hbbogie.model.dynamics import solved_rates, state_of
 from hbbogie.model.elements import AttachedLaw
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.solving.newton import Buffered
+from hbbogie.stability.signals import Signals, signals
 
 Array = NDArray[np.float64]
 
@@ -120,18 +119,19 @@ class Waveform:
     def __init__(self, system: System, orbit: Orbit, p: Array):
         self.system, self.omega, self.H, self.p = system, orbit.omega, orbit.H, p
         self.model = system.once("variational model", lambda: _model(system))
-        c, rate = orbit.coefficients, orbit.omega * fourier.derivative(orbit.coefficients)
         second = [i for i, s in enumerate(system.second_order) if s]
-        self.all_states = np.hstack([c, rate[:, second]])
-        self.x = self.all_states[:, self.model.varying]
+        position, velocity = np.eye(system.n), np.eye(system.n)[second]
+        of_q, of_v = np.vstack([position, 0 * velocity]), np.vstack([0 * position, velocity])
+        self.all_states = signals(orbit, of_q, of_v, np.zeros(system.n_states))
+        some = self.model.varying
+        self.x = signals(orbit, of_q[some], of_v[some], np.zeros(len(some)))
         dq, dv, *columns = self.model.laws(p)
         rest, self.offset, self.stiffness, self.slope, self.threshold, self.height = (c.ravel() for c in columns)
-        self.u = c @ dq.T + rate @ dv.T  # Fourier coefficients of the contacts' arguments
-        self.u[0] += rest
+        self.u = signals(orbit, dq, dv, rest)  # arguments of the contacts
 
     def states(self, tau: Array) -> Array:
         """Return the varying states at the phases tau, shape (len(tau), m)."""
-        return fourier.synthesis(self.H, tau) @ self.x if self.x.size else np.empty((len(tau), 0))
+        return np.empty((len(tau), 0)) if self.straight else self.x.at(tau)
 
     @property
     def straight(self) -> bool:
@@ -140,7 +140,7 @@ class Waveform:
 
     def depth(self, tau: ArrayLike) -> Array:
         """Return how far each ramp is entered at the phases tau, shape (len(tau), number of ramps)."""
-        u = fourier.synthesis(self.H, tau) @ self.u
+        u = self.u.at(np.atleast_1d(tau))
         return np.asarray(u[:, self.model.owner] * self.model.direction - self.threshold)
 
     def lines_of(self, active: NDArray[np.bool_]) -> Array:
@@ -166,19 +166,17 @@ class Waveform:
         """Return the phases from 0 to end at which a contact changes its line, increasing, rad."""
         if not len(self.offset):
             return np.empty(0)
-        grid, E = _grid(self.H, end)
-        rate = fourier.derivative(self.u)
-        slope = E @ rate
+        grid, on_grid, slope = self.u.on_grid(self.H, end)
         # u is monotone between turning points: with these on the grid, no short contact is missed
         k, column = np.nonzero(slope[:-1] * slope[1:] < 0)
-        turning = _roots(rate[:, column], np.zeros(len(k)), grid[k], grid[k + 1])
+        turning = _roots(self.u, 1, column, np.zeros(len(k)), grid[k], grid[k + 1])
         nodes = np.r_[grid, turning]
         order = np.argsort(nodes)
-        nodes, u = nodes[order], np.vstack([E @ self.u, fourier.synthesis(self.H, turning) @ self.u])[order]
+        nodes, u = nodes[order], np.vstack([on_grid, self.u.at(turning)])[order]
         contact, level = self.levels
         above = u[:, contact] >= level
         k, which = np.nonzero(above[:-1] != above[1:])
-        found = _roots(self.u[:, contact[which]], level[which], nodes[k], nodes[k + 1])
+        found = _roots(self.u, 0, contact[which], level[which], nodes[k], nodes[k + 1])
         return np.unique(found)
 
     def phases(self, end: float) -> Array:
@@ -188,26 +186,16 @@ class Waveform:
         return ends[np.r_[True, np.diff(ends) > 1e-12]]
 
 
-@lru_cache(maxsize=16)
-def _grid(H: int, end: float) -> tuple[Array, Array]:
-    """Return phases from 0 to end, rad, and the matrix of synthesis there."""
-    grid = fourier.phases(max(256, 32 * H))
-    grid = np.append(grid[grid < end - 1e-9], end)
-    # the first and the last phase of a period must agree, whatever the rounding
-    return grid, fourier.synthesis(H, np.append(grid[:-1], end if end < 2 * np.pi else 0.0))
-
-
-def _roots(c: Array, level: Array, low: Array, high: Array) -> Array:
-    """Return where each column of Fourier coefficients meets its level between low and high (safeguarded Newton)."""
-    H, rate = fourier.highest(c), fourier.derivative(c)
+def _roots(u: Signals, order: int, column: NDArray[np.int_], level: Array, low: Array, high: Array) -> Array:
+    """Return where signals, or their derivatives, meet their levels between low and high (safeguarded Newton)."""
     # check both ends, since the level may be met exactly at one of them
-    first, last = (np.einsum("ij,ji->i", fourier.synthesis(H, end), c) for end in (low, high))
+    (first, _), (last, _) = (u.with_slope(end, column, order) for end in (low, high))
     falling = first > last
     share = np.divide(first - level, first - last, out=np.full_like(level, 0.5), where=first != last)
     tau = low + np.clip(share, 0.01, 0.99) * (high - low)
     for _ in range(60):
-        E = fourier.synthesis(H, tau)
-        f, slope = np.einsum("ij,ji->i", E, c) - level, np.einsum("ij,ji->i", E, rate)
+        value, slope = u.with_slope(tau, column, order)
+        f = value - level
         before = (f > 0) == falling
         low, high = np.where(before, tau, low), np.where(before, high, tau)
         step = tau - np.divide(f, slope, out=np.full_like(f, np.inf), where=slope != 0)

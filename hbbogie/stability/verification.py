@@ -127,7 +127,7 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     omega = float(2 * np.pi / path.durations.sum())
     amplitudes = _peaks(shooting, path, step)
     ranges = np.ptp(_dense(shooting, path, step)[1][..., : system.n], axis=(0, 1))
-    given = np.subtract(*fourier.extremes(orbit.coefficients)[::-1])
+    given = np.subtract(*orbit.extremes[::-1])
     share = float((ranges / np.maximum(given, 1e-9 * given.max())).max())
     if share < 1e-2 or closure > max(1e3 * tolerance, 1e-9):
         reason = f"the motion has shrunk to {share:.2g} of the orbit" if share < 1e-2 else f"closed to {closure:.2g}"
@@ -179,8 +179,8 @@ def defect(system: System, orbit: Orbit) -> float:
     Each equation is taken relative to the largest of its linear terms over the period.
     """
     p = system.vector(**orbit.parameters)
-    E = fourier.synthesis(orbit.H, fourier.phases(max(512, 32 * orbit.H)))
-    motion = [orbit.omega**k * E @ fourier.derivative(orbit.coefficients, k) for k in range(3)]
+    tau = fourier.phases(max(512, 32 * orbit.H))
+    motion = [orbit.omega**k * orbit.at(tau, k) for k in range(3)]
     r = np.abs(system.residual(*(x.T for x in motion), p).full())
     matrices = [np.abs(m(p).full()) for m in reversed(system.linear)]
     size = np.max([(m[:, None] * np.abs(x)).max(axis=(1, 2)) for m, x in zip(matrices, motion, strict=True)], axis=0)
@@ -195,7 +195,7 @@ def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
     for tau in waveform.switchings():
         if events and tau - events[-1][0] < EITHER_SIDE:
             continue  # simultaneous contacts are all found at the first of them
-        before, after = fourier.synthesis(waveform.H, tau + EITHER_SIDE * np.array([-1.0, 1.0])) @ waveform.u
+        before, after = waveform.u.at(tau + EITHER_SIDE * np.array([-1.0, 1.0]))
         events += [(tau, int(i), g) for i, g in pairs if (before[i] < g) != (after[i] < g)]
     starts = np.array([e[0] for e in events] or [0.0])
     lengths = np.diff(np.append(starts, starts[0] + 2 * np.pi))
@@ -284,7 +284,7 @@ def _coefficients(shooting: Shooting, path: Path, step: NewtonStep, tau: float, 
 def _aligned(shooting: Shooting, path: Path, step: NewtonStep, orbit: Orbit) -> tuple[Array, float]:
     """Return the coefficients in phase with an orbit, and the distance from it relative to the peaks."""
     b = _coefficients(shooting, path, step, 0.0, max(orbit.H, 15))
-    a, h = fourier.resize(orbit.coefficients, max(orbit.H, 15)), np.arange(1, max(orbit.H, 15) + 1)
+    a, h = orbit.harmonics(max(orbit.H, 15)), np.arange(1, max(orbit.H, 15) + 1)
     peak = np.maximum(np.abs(fourier.extremes(b)).max(axis=0), np.finfo(float).tiny)
     first, second = ((c[1::2] - 1j * c[2::2]) / peak for c in (a, b))
     W = (first.conj() * second).sum(axis=1)
@@ -294,7 +294,7 @@ def _aligned(shooting: Shooting, path: Path, step: NewtonStep, orbit: Orbit) -> 
         turned = W * np.exp(1j * h * tau)
         tau += (1j * h * turned).sum().real / (h**2 * turned).sum().real
     phases = fourier.phases(max(512, 16 * orbit.H))
-    gap = fourier.synthesis(orbit.H, phases) @ orbit.coefficients - _sampled(shooting, path, step.f, tau + phases)
+    gap = orbit.at(phases) - _sampled(shooting, path, step.f, tau + phases)
     for H in HARMONICS:
         c = _coefficients(shooting, path, step, tau, H)
         if np.abs(c[-8:]).max() <= RESOLVED * np.abs(c[1:]).max():

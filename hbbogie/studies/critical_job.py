@@ -119,7 +119,7 @@ def _exact(system: System, parameter: str, span: tuple[float, float], gradients:
         outputs |= _depth(outputs["critical"], value) | {"complete": float(found.complete[0])}
     outputs |= _values("hopf", value, float(hopf.omega[0]), named(hopf.gradient[0]))
     if fold is not None:
-        low, high = (np.abs(side) for side in cycle_of(fold).extremes())
+        low, high = (np.abs(side) for side in cycle_of(fold).extremes)
         peaks = dict(zip(system.coordinate_names, map(float, np.maximum(low, high)), strict=True))
         outputs |= _values("fold", fold.value, fold.omega, named(fold.gradient)) | {"fold_error": 0.0}
         outputs |= {f"fold_{c}": peaks[c] for c in system.nonlinear_coordinates}

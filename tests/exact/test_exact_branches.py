@@ -50,7 +50,7 @@ def test_points_of_the_branch_are_cycles_of_shooting(bogie, walk):
     for point in walk.points[3::6]:
         cycle = cycle_of(point)
         orbit = hb.Orbit(
-            bogie.name, bogie.coordinate_names, tuple(c.unit for c in bogie.coordinates), cycle.coefficients(31),
+            bogie.name, bogie.coordinate_names, tuple(c.unit for c in bogie.coordinates), cycle.harmonics(31),
             cycle.omega, cycle.parameters,
         )  # fmt: skip
         truth = hb.verify(bogie, orbit)

@@ -23,9 +23,7 @@ def shipped(name, **values):
 
 def orbit(**changes):
     c = np.array([[0.0, 0.1], [2.0, 0.0], [0.0, -1.0]])
-    fields = dict(
-        system="s", coordinates=("x", "y"), units=("m", ""), coefficients=c, omega=2.0, parameters={"mu": 1.0}
-    )
+    fields = dict(system="s", coordinates=("x", "y"), units=("m", ""), motion=c, omega=2.0, parameters={"mu": 1.0})
     return Orbit(**(fields | changes))
 
 

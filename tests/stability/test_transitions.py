@@ -7,8 +7,9 @@ import pytest
 from scipy.linalg import expm, expm_frechet
 
 import hbbogie as hb
+from hbbogie.exponential import exponentials, exponentials_with_derivative
 from hbbogie.model import DeadBand
-from hbbogie.stability import exponentials, exponentials_with_derivative, floquet
+from hbbogie.stability import floquet
 
 
 def test_exponentials():
