@@ -101,7 +101,7 @@ def find_basin(
         progress("tracing the cycles", None)
         middle = system.with_parameters(**{parameter: float(np.median(V))})
         reach = default_reach(middle, parameter)
-        branches = branches_from_hopf(_equations(system), parameter, reach, families=False)
+        branches = branches_from_hopf(_equations(system), parameter, reach)
     cycles = _cycles(system, parameter, V, branches, notes, progress)
     everywhere = [o for some in cycles for o in some]
     at = [system.with_parameters(**{parameter: float(v)}) for v in V]

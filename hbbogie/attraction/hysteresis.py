@@ -104,7 +104,7 @@ def find_hysteresis(
         progress("tracing the cycles", None)
         reach = default_reach(system.with_parameters(**{parameter: hi}), parameter)
         around = min(lo, reach[0]), max(hi, reach[1])  # a branch may begin or turn outside the interval
-        branches = branches_from_hopf(equations, parameter, around, families=False)
+        branches = branches_from_hopf(equations, parameter, around)
     cycle, branch = _start_cycle(system, parameter, hi, branches, name)
     folds = [s for s in branch.folds() if s.value <= hi]
     fold = max(folds, key=lambda s: s.value, default=None)

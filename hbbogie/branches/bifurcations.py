@@ -87,7 +87,9 @@ def _changes(
     Next to the special point at which the curve begins no further branch is looked for.
     """
     kinds: list[Kind] = ["fold"]
-    if probes[0].judge:
+    if curve.vertical([probe.point for probe in probes]):
+        kinds = ["branching"]
+    elif probes[0].judge:
         kinds += ["branching", *probes[0].contacts]
     found: list[Located] = []
     contacts: list[_Contact] = []

@@ -3,48 +3,32 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.branches.closed_form import exact_crossings, exact_walk
-from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import crossings, extent, family_message
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings
-from hbbogie.branches.relatives import relatives
+from hbbogie.branches.polishing import EXACT, FINER, Polishing
+from hbbogie.branches.relatives import MIRROR, relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
-from hbbogie.branches.same import alike, of_prime_period, signature
+from hbbogie.branches.same import alike, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
-from hbbogie.collocation.starting import from_orbit
+from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
 from hbbogie.methods.condensation import frequency_scale
-from hbbogie.methods.equations import Equations
-from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.methods.scales import amplitude_scale
-from hbbogie.model.conserved import conserved_quantities
-from hbbogie.model.ranges import check_interval
+from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, SpecialPoint
-from hbbogie.results.failure import FAILURES, ConvergenceError
-from hbbogie.solving.solvers import solve
-from hbbogie.stability.multipliers import floquet
-from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
-COARSE = 15  # highest harmonic with which branches are followed
-FINER = (31, 63)  # with which a candidate is tried again where shooting does not close it
-UNRESOLVED = 1e-2  # tail of an orbit beyond which collocation is tried before shooting
-CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
-EXACT = 1e-10  # error of shooting, and of cycles in closed form
-SAME = 1e-8  # share of the interval up to which values of the parameter are one
+MOST_FOLLOWED = 6  # branches through cycles that motions have found
+SOLVED = ("exact", "collocation")  # methods whose cycles need no polish
 
 
 class Census:
@@ -67,24 +51,23 @@ class Census:
     ):
         self.system, self.parameter, self.start, self.backwards = system, parameter, start, backwards
         self.value = system.values[parameter]
-        width = BEYOND * (interval[1] - interval[0])
-        self.span = check_interval(system, parameter, (interval[0] - width, interval[1] + width))
+        self.span = widened(system, parameter, interval, BEYOND)
         self.branches = find_equilibria(system, parameter, self.span, start=start)
         self.hopf = _distinct(self.branches.special("hopf"))
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
-        self.failures, self.unsettled, self.undecided, self.family, self.running = 0, 0, 0, "", ""
         self.marks: list[Array] = []
+        self.on_branch: list[bool] = []  # whether the branch of each cycle was followed
+        self.failures, self.unsettled, self.running = 0, 0, ""
+        self.undecided = {False: 0, True: 0}  # motions, by whether backwards in time
+        self.walker, self.polishing = Walker(system, parameter, self.span), Polishing(system, parameter)
+        self.open: list[str] = []  # what was not followed to its end
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
         self.evidence += [f"{at}: {e.text(system.coordinate_names)}" for e in self.equilibria]
         if not self.equilibria:
-            self.evidence.append(f"{at}: no equilibrium was found")
-
-    @cached_property
-    def equations(self) -> Equations:
-        """The equations of harmonic balance with which branches are followed."""
-        return HarmonicBalance(COARSE).equations(self.system)
+            late = time_is_over()
+            self.evidence.append(f"{at}: no equilibrium was {'followed to this value in time' if late else 'found'}")
 
     def follow_branches(self) -> None:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
@@ -92,43 +75,53 @@ class Census:
             name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}{which}"
             if time_is_over():
                 self.evidence.append(f"{name} was not followed: the time limit was reached")
-            elif not self._in_closed_form(hopf, name):
-                self._by_harmonic_balance(hopf, name)
+                return
+            for walked in self.walker.from_hopf(hopf, name):
+                self._take(walked, name)
 
-    def _in_closed_form(self, hopf: SpecialPoint, name: str) -> bool:
-        """Follow the exact cycles of a system that is linear between switchings; tell whether that succeeds."""
-        try:
-            walk = exact_walk(self.system, hopf, self.span)
-            cycles = [orbit for _, orbit in exact_crossings(walk, self.value)]
-        except FAILURES:
-            return False
-        values = [point.value for point in walk.points]
-        low, high = min(values), max(values)
-        lost = walk.marked("not located") + walk.marked("fold not located")
-        if lost or not walk.end.complete or high - low <= SAME * (self.span[1] - self.span[0]):
-            return False
-        self.evidence.append(f"{name} was followed in closed form from {low:.6g} to {high:.6g}: {walk.end}")
-        for orbit in cycles:
-            if _unknown(orbit):
-                self.consider(orbit, name)
+    def follow_cycles(self) -> None:
+        """Follow the branches of cycles that lie on none followed yet, and consider what each cycle lets expect."""
+        beside = followed = 0
+        while not time_is_over():
+            if beside < len(self.found):
+                orbit, beside = self.found[beside], beside + 1
+                for what, guess in relatives(self.system, orbit):
+                    self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
+            elif (k := next((i for i, known in enumerate(self.on_branch) if not known), None)) is None:
+                return
+            else:
+                self.on_branch[k] = True
+                name = f"the branch through the cycle of period {self.found[k].period:.9g} s"
+                if self._mirrored(k):
+                    self.evidence.append(f"{name} is the mirror image of one that was followed")
+                elif followed == MOST_FOLLOWED:
+                    self._leave(f"{name} was not followed: {MOST_FOLLOWED} others were")
+                else:
+                    followed += 1
+                    self._take(self.walker.through(self.found[k], name), name)
+
+    def _mirrored(self, k: int) -> bool:
+        """Tell whether a cycle is the mirror image of one whose branch was followed."""
+        guesses = [guess for what, guess in relatives(self.system, self.found[k]) if what == MIRROR]
+        known = [o for i, o in enumerate(self.found) if self.on_branch[i] and i != k]
+        return any(alike(guess, other) for guess in guesses for other in known)
+
+    def _take(self, walked: Walked, name: str) -> None:
+        """Take note of a branch, and of its cycles at the value, which lie on it."""
+        self.evidence.append(walked.said)
+        if not walked.complete:
+            self.open.append(walked.said)
+        for orbit in walked.cycles:
+            if _unknown(orbit) or not orbit.method.startswith(SOLVED):
+                self.consider(orbit, name, on_branch=True)
             else:
                 peaks = {c: EXACT * orbit.amplitude(c) for c in orbit.coordinates}
                 errors = {"omega": EXACT * orbit.omega, "waveform": max(EXACT, orbit.tail), **peaks}
-                self._keep(orbit.replace(errors=errors), name)
-        return True
+                self._keep(orbit.replace(errors={**errors, **(orbit.errors or {})}), name, on_branch=True)
 
-    def _by_harmonic_balance(self, hopf: SpecialPoint, name: str) -> None:
-        """Follow the cycles of harmonic balance, and consider those at the value."""
-        equations = self.equations
-        try:
-            branch = trace(equations, hopf, self.parameter, self.span, families=False, stability=False)
-        except FAILURES as error:
-            self.evidence.append(f"{name} was not followed: {error}")
-            return
-        self.evidence.append(extent(name, branch))
-        before = _before(equations, hopf, branch.orbits[0], self.value)
-        for orbit in [*before, *crossings(equations, branch, self.value)]:
-            self.consider(orbit, name)
+    def _leave(self, said: str) -> None:
+        self.evidence.append(said)
+        self.open.append(said)
 
     def simulate(self) -> None:
         """Follow motions, and consider the cycles they come near."""
@@ -168,7 +161,7 @@ class Census:
                 orbit = _turned(met.orbit) if sense else met.orbit
                 if self.consider(orbit, f"a motion from {where}", near=True):
                     return "came to a cycle"
-                if self.family:
+                if self.polishing.family:
                     return "came to one of a continuous family of cycles"
                 self.failures += 1
             elif met.kind == "known":
@@ -191,20 +184,23 @@ class Census:
                     self._keep(cycle.orbit(), f"a motion from {where}", cycle.mark())
                     return "came to a cycle"
             self.unsettled += 1
-        self.undecided += 1
-        said = f"a motion from {where} has neither settled nor come back to itself"
+        self.undecided[sense] += 1
+        which = "a motion backwards in time" if sense else "a motion"
+        said = f"{which} from {where} has neither settled nor come back to itself"
         self.evidence += [said] if said not in self.evidence else []
         return "undecided"
 
-    def look_beside(self) -> None:
-        """Consider what each cycle found lets expect beside it."""
-        for orbit in self.found:  # which may grow meanwhile
-            for what, guess in () if time_is_over() else relatives(self.system, orbit):
-                self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
-
-    def consider(self, orbit: Orbit, origin: str, *, near: bool = False, finer: tuple[int, ...] = FINER) -> bool:
+    def consider(
+        self,
+        orbit: Orbit,
+        origin: str,
+        *,
+        near: bool = False,
+        finer: tuple[int, ...] = FINER,
+        on_branch: bool = False,
+    ) -> bool:
         """Polish a candidate and keep the cycle, if it is new; tell whether there is one (near it, if asked)."""
-        polished = self.polished(orbit, () if near else finer)
+        polished = self.polishing.polished(orbit, () if near else finer)
         if polished is None:
             if not near:
                 self.evidence.append(
@@ -214,60 +210,21 @@ class Census:
         times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
         if near and not alike(polished, orbit.replace(omega=times * orbit.omega), 0.05):
             return False
-        self._keep(polished, origin)
+        self._keep(polished, origin, on_branch=on_branch)
         return True
 
-    def _keep(self, polished: Orbit, origin: str, mark: Array | None = None) -> None:
+    def _keep(self, polished: Orbit, origin: str, mark: Array | None = None, *, on_branch: bool = False) -> None:
         """Add a cycle to those found, if it is new; its mark tells it from others better than that of its harmonics."""
         same = next((i for i, other in enumerate(self.found) if alike(polished, other)), None)
         if same is None:
             self.found.append(polished)
             self.marks.append(signature(polished)[: 1 + 3 * self.system.n] if mark is None else mark)
+            self.on_branch.append(on_branch)
             self.evidence.append(f"a cycle of period {polished.period:.9g} s, from {origin}")
-        elif _unknown(self.found[same]) and not _unknown(polished):
+            return
+        self.on_branch[same] |= on_branch
+        if _unknown(self.found[same]) and not _unknown(polished):
             self.found[same] = polished
-
-    def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
-        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm."""
-        if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
-            return cycle.orbit()
-        finer, resolved = orbit, False
-        for H in (0, *finer_harmonics):
-            try:
-                if H and H <= finer.H:
-                    continue
-                if H:
-                    last, finer = finer, solve(HarmonicBalance(H).equations(self.system), finer, method="newton")
-                    resolved = abs(finer.omega / last.omega - 1) <= CONVERGED
-                return self._checked(finer)
-            except ConvergenceError:
-                continue
-            except FAILURES:
-                break
-        if orbit.tail <= UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
-            return cycle.orbit()
-        if not resolved or finer.tail > CONVERGED**0.5:
-            return None
-        stability = floquet(self.system, finer)
-        reason = f"shooting does not confirm the cycle; {stability.reason}"
-        unknown = replace(stability, verdict="unknown", reason=reason)
-        return finer.replace(stability=unknown, status=f"{finer.status}; shooting does not confirm it")
-
-    def _checked(self, orbit: Orbit) -> Orbit:
-        system = self.system
-        checked = verify(system, orbit)
-        found = of_prime_period(checked.orbit)
-        if found is not checked.orbit:
-            return self._checked(found)
-        if not checked.isolated:
-            size = np.abs(orbit.coefficients).sum(axis=0)
-            states = np.append(size, orbit.omega * size[list(system.second_order)])
-            if not len(conserved_quantities(system, system.vector(), states)):
-                self.family = family_message(system, self.parameter, found)
-                raise ConvergenceError(self.family, orbit=orbit)
-        errors = {"omega": max(checked.closure, EXACT) * found.omega, "waveform": max(checked.closure, EXACT)}
-        errors |= {c: max(checked.closure, EXACT) * peak for c, peak in checked.amplitudes.items()}
-        return found.replace(errors=errors)
 
     def say_none(self) -> None:
         """Say why no cycle was found."""
@@ -281,7 +238,8 @@ class Census:
         closest = min(self.equilibria, key=lambda e: float(np.linalg.norm(e.x[: len(rest)] - rest)), default=None)
         about = closest.text(self.system.coordinate_names) if closest else "no equilibrium was found"
         still = f"; {self.running}" if self.running else ""
-        still += f"; {self.undecided} motion(s) stay undecided" if self.undecided else ""
+        for count, sense in ((self.undecided[False], ""), (self.undecided[True], " backwards in time")):
+            still += f"; {count} motion(s){sense} stay undecided" if count else ""
         self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
 
 
@@ -305,18 +263,3 @@ def _turned(orbit: Orbit) -> Orbit:
     c = orbit.coefficients.copy()
     c[2::2] *= -1  # of the sines
     return orbit.replace(coefficients=c)
-
-
-def _before(equations: Equations, hopf: SpecialPoint, first: Orbit, value: float) -> list[Orbit]:
-    """Return the cycle at a value between a Hopf point and the first cycle computed of its branch, if there is one."""
-    width = first.parameters[hopf.parameter] - hopf.value
-    share = (value - hopf.value) / width if width else 0.0
-    if not 0 < share < 1:
-        return []
-    c = np.sqrt(share) * first.coefficients  # the parameter goes with the square of the amplitude
-    c[0] = hopf.orbit.coefficients[0] + share * (first.coefficients[0] - hopf.orbit.coefficients[0])
-    try:
-        at: dict[str, Any] = {hopf.parameter: value}
-        return [solve(equations, first.replace(coefficients=c), method="newton", **at)]
-    except ConvergenceError:
-        return []

@@ -47,6 +47,26 @@ def exact_walk(system: System, hopf: SpecialPoint, interval: tuple[float, float]
     return follow(at_grazing(system, hopf), interval, most=most)
 
 
+def exact_walk_through(
+    system: System, orbit: Orbit, parameter: str, interval: tuple[float, float], most: int = MOST
+) -> Walk:
+    """Follow the exact cycles over a parameter in both directions from one of them, which an orbit is near.
+
+    Raises
+    ------
+    ModelError
+        When the system is not linear between switchings.
+    ConvergenceError
+        When the orbit leads to no exact cycle.
+    """
+    try:
+        point = exact_cycle(system, orbit, parameter)
+    except ConvergenceError:  # next to a fold
+        point = exact_cycle(system, orbit, parameter, free=True)
+    forward, backward = (follow(p, interval, most=most) for p in (point, point.turned()))
+    return Walk([*(p.turned() for p in backward.points[:0:-1]), *forward.points], forward.end, backward.end)
+
+
 def exact_trace(
     equations: ExactEquations, start: Orbit | SpecialPoint, parameter: str, interval: tuple[float, float], most: int
 ) -> Branch:
@@ -64,13 +84,8 @@ def exact_trace(
         walk = exact_walk(equations.system, special, interval, most)
         there = equations.system.with_parameters(**{parameter: special.value})
         return exact_branch(walk, onset(special, there, [point.value for point in walk.points[:2]]))
-    try:
-        point = exact_cycle(equations.system, origin, parameter)
-    except ConvergenceError:  # next to a fold
-        point = exact_cycle(equations.system, origin, parameter, free=True)
-    forward, backward = (follow(p, interval, most=most) for p in (point, point.turned()))
-    points = [*(p.turned() for p in backward.points[:0:-1]), *forward.points]
-    return _branch(points, parameter, (), (backward.end, forward.end))
+    walk = exact_walk_through(equations.system, origin, parameter, interval, most)
+    return _branch(walk.points, parameter, (), (walk.beginning, walk.end))
 
 
 def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Critical:

@@ -13,7 +13,7 @@ from hbbogie.branches.bifurcations import special_points
 from hbbogie.branches.closed_form import exact_trace
 from hbbogie.branches.collocated import collocated_trace
 from hbbogie.branches.criticality import onset
-from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
+from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.branches.first_cycle import first_cycle
 from hbbogie.branches.motions import STATES, cycle_after
 from hbbogie.branches.switching import first_beyond
@@ -164,7 +164,7 @@ def _traced(
         points = [*points[1:-1], points[1]]
     if special is not None and not begins and 0 < place < len(points) - 1:
         del points[place]  # its neighbours enclose it, and it is located anew
-    judge = stability and any(abs(point.tangent[-1]) >= VERTICAL for point in points)
+    judge = stability and not curve.vertical(points)
     if special is not None and from_hopf and judge:
         values = [float(point.u[-1]) for point in points[:2]]
         special = onset(special, equations.system.with_parameters(**{parameter: special.value}), values)

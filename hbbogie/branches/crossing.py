@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -19,24 +19,45 @@ from hbbogie.results.orbit import Orbit
 from hbbogie.solving.solvers import solve
 
 COARSE = 15  # highest harmonic with which a family is looked at
+MEMBERS = 150  # cycles of a family at one value of the parameter that are looked at
 UNFOLDS = 1e-3  # share of a parameter's derivative along the left null vector beyond which it ends a family
 
 
-def branches_from_hopf(
-    equations: Equations, parameter: str, interval: tuple[float, float], *, families: bool = True
-) -> list[Branch]:
-    """Trace the branch that begins at each Hopf point in an interval of the parameter (see `trace`)."""
-    return [branch for _, branch in _from_hopf(equations, parameter, interval, families)]
-
-
-def _from_hopf(
-    equations: Equations, parameter: str, interval: tuple[float, float], families: bool
-) -> Iterator[tuple[SpecialPoint, Branch]]:
+def branches_from_hopf(equations: Equations, parameter: str, interval: tuple[float, float]) -> list[Branch]:
+    """Trace the branches that begin at each Hopf point in an interval of the parameter (see `from_hopf`)."""
+    found: list[Branch] = []
     for hopf in hopf_points(equations.system, parameter, interval):
-        try:
-            yield hopf, trace(equations, hopf, parameter, interval, families=families, stability=False)
-        except ConvergenceError:
-            continue  # no cycle of the kept harmonics begins here
+        with suppress(ConvergenceError):  # no cycle of the kept harmonics begins here
+            found += from_hopf(equations, hopf, parameter, interval)
+    return found
+
+
+def from_hopf(equations: Equations, hopf: SpecialPoint, parameter: str, interval: tuple[float, float]) -> list[Branch]:
+    """Trace the branch from a Hopf point, and those that leave it where all its cycles have one value of the parameter.
+
+    Of such a family, as of a linear or conservative limit, some members are on branches that cross it, at amplitudes
+    at which the derivative in the parameter is orthogonal to the left null vector (Melnikov's condition).
+
+    Raises
+    ------
+    ConvergenceError
+        When no cycle is found next to the Hopf point.
+    """
+    options: dict[str, Any] = {"stability": False}
+    branch = trace(equations, hopf, parameter, interval, families=False, **options)
+    if not is_family(branch, interval):
+        return [branch]
+    found, family = [branch], trace(equations, hopf, parameter, interval, max_points=MEMBERS, **options)
+    for special in family.special:
+        if special.onward is not None:
+            with suppress(ConvergenceError):
+                found.append(trace(equations, special, parameter, interval, families=False, **options))
+    return found
+
+
+def is_family(branch: Branch, interval: tuple[float, float]) -> bool:
+    """Tell whether the parameter stays constant along a branch: a family of cycles of every amplitude."""
+    return len(branch) > 1 and bool(np.ptp(branch.values) <= 1e-9 * (interval[1] - interval[0]))
 
 
 def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]:
@@ -68,12 +89,6 @@ def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]
             except ConvergenceError:
                 continue
     return found
-
-
-def extent(name: str, branch: Branch) -> str:
-    """Return a sentence on where a branch, which has a name, was followed and why it ended."""
-    low, high = float(branch.values.min()), float(branch.values.max())
-    return f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[0]}; {branch.ends[1]}"
 
 
 def family_message(system: System, name: str, orbit: Orbit) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.homoclinic import homoclinic_ending
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
@@ -15,6 +16,7 @@ from hbbogie.solving.newton import Conditions, Problem
 
 Array = NDArray[np.float64]
 VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
+ROUND_OFF = 1e-12  # share of the parameter's scale up to which it is zero
 FAR = 10.0  # amplitude, in units of its scale, above which steps grow with its square
 PATIENCE = 20  # points at one parameter value after which a branch counts as a family
 
@@ -63,17 +65,26 @@ class CycleCurve:
     def settle(self, u: Array) -> None:
         """Take note of nothing."""
 
+    def vertical(self, points: Sequence[Point]) -> bool:
+        """Tell whether all points have one value of the parameter: a family, as of a conservative system."""
+        values = [float(point.u[-1]) for point in points]
+        return len(points) > 1 and max(values) - min(values) <= VERTICAL * self.scale[-1]
+
     def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
         """Return why the branch ends before a point: it is a family, or a bound is met."""
         place, last = self.where(points[-1].u), points[-PATIENCE:]
         if not self.families and len(points) > PATIENCE and all(abs(p.tangent[-1]) < VERTICAL for p in last):
             constant = f"{place} does not vary along the branch"
             return Ending("family", f"{constant}: a family of cycles, as of a conservative system")
+        if approach := homoclinic_ending(
+            self.equations.system, self.orbit(points[0]).omega, self.orbit(there), self.where(there.u)
+        ):
+            return approach
         met = self.problem.violated(there.u)
         if any(bound.place == self.equations.leading and bound.side == "lower" for bound in met):
-            return Ending(
-                "vanishes", f"the first harmonic vanishes at {place}: an equilibrium, or a cycle of half the period"
-            )
+            first, higher = (np.abs(part).max(initial=0.0) for part in np.split(self.orbit(there).coefficients[1:], [2]))
+            what = "the cycle shrinks to an equilibrium" if higher < first else "cycles of half the period follow"
+            return Ending("vanishes", f"the first harmonic vanishes at {place}: {what}")
         return Ending("bound", f"a bound was reached at {place}: {', '.join(map(str, met))}") if met else None
 
     def stretch(self, u: Array) -> float:
@@ -87,7 +98,7 @@ class CycleCurve:
 
     def where(self, u: Array) -> str:
         """Return the parameter's value, for people."""
-        return f"{self.parameter} = {u[-1]:.6g}"
+        return f"{self.parameter} = {0.0 if abs(u[-1]) <= ROUND_OFF * self.scale[-1] else u[-1]:.6g}"
 
     def branching(self, point: Point) -> float:
         """Return a number that changes its sign where another branch crosses, never at a fold (eq-branching).

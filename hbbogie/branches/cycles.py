@@ -46,10 +46,10 @@ def find_cycles(
     """Find the cycles at given parameter values, by growing amplitude; no guess is needed.
 
     A census: all equilibria over an interval of one parameter and half of it beyond (see `find_equilibria`), the branch
-    from every Hopf point on them, and motions simulated from beside the equilibria and from random states. Each
-    candidate is polished by shooting, and what is returned is the polished cycle with its own multipliers; two
-    candidates that lead to one cycle are one. A cycle that no Hopf point in reach leads to, and that none of the
-    motions comes near, is not found: ``evidence`` says what was looked at.
+    from every Hopf point on them, motions simulated from beside the equilibria and from random states, and the branches
+    of the cycles that these come to, around their folds. Each candidate is polished by shooting, and what is returned
+    is the polished cycle with its own multipliers; two candidates that lead to one cycle are one. A cycle on a branch
+    that no Hopf point in reach leads to, and none of the motions, is not found: ``evidence`` says what was looked at.
 
     Parameters
     ----------
@@ -84,14 +84,15 @@ def find_cycles(
     Cycles : list of Orbit
         Empty where no cycle was found. The list carries ``evidence``: equilibria with their eigenvalues, Hopf points,
         branches and why each ended, motions and what they came to, what stayed undecided. ``complete`` says whether
-        no limit of time cut the search short.
+        nothing cut the search short: no limit of time, no branch that could not be followed to its end, and, where no
+        cycle was found, no motion of which it stays undecided whether it settles on one; ``undecided`` says what did.
 
     Raises
     ------
     ModelError
         For wrong names or values, or when the cycles at this value form a continuous family.
     ConvergenceError
-        When there is no cycle found, and simulated motions leave it undecided whether there is one.
+        When none of the cycles found is resolved by the number of harmonics asked for.
 
     Examples
     --------
@@ -117,25 +118,26 @@ def find_cycles(
         census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
         census.follow_branches()
         census.simulate()
-        census.look_beside()
-        found, undecided = census.found, ""
-        if census.family and not found:
-            raise ModelError(census.family)
-        if census.family:
+        census.follow_cycles()
+        found, undecided, family = census.found, "", census.polishing.family
+        if family and not found:
+            raise ModelError(family)
+        if family:
             census.evidence.append("a candidate is not isolated: it is one of a continuous family, or a fold is near")
-        if not found and census.undecided and not census.running and not time_is_over():
+        if not found and census.undecided[False] and not census.running and not time_is_over():
             found, undecided = _longer(census)
         late = [f"the time limit of {limit:g} s was reached" if limit else LATE] if time_is_over() else []
-        if not found and undecided and not late:
-            raise ConvergenceError(undecided, statistics={"evidence": tuple(census.evidence)})
-        if not found and not late:
+        if undecided and not late:
+            census.evidence.insert(0, undecided)
+            census.open.insert(0, undecided)
+        elif not found and not late:
             census.say_none()
         if harmonics == "auto":
             judged = [_enough(o, tolerance) if o.method.startswith(POLISHED) else o for o in once_each(found)]
         else:
             judged = _balanced(census, once_each(found), int(harmonics), stability)
     judged = [o if stability else o.replace(stability=None) for o in judged]
-    return Cycles(judged, [*late, *census.evidence], late)
+    return Cycles(judged, [*late, *census.evidence], [*late, *census.open])
 
 
 def _longer(census: Census) -> tuple[list[Orbit], str]:
@@ -147,9 +149,8 @@ def _longer(census: Census) -> tuple[list[Orbit], str]:
         except ConvergenceError as error:
             if error.statistics.get("unresolved", True) and ORDERS[-1] != H:
                 continue
-            if error.orbit is not None and (polished := census.polished(error.orbit)) is not None:
+            if error.orbit is not None and (polished := census.polishing.polished(error.orbit)) is not None:
                 return [polished], ""
-            census.evidence.append(f"motions of up to the longest time: {error}")
             return [], str(error)
         for cycle in settled:
             if not _isolated(HarmonicBalance(H).equations(system), cycle):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import crossings
+from hbbogie.branches.crossing import crossings, is_family
 from hbbogie.branches.cycles import ORDERS, find_cycles
 from hbbogie.branches.judging import estimate, stability_of
 from hbbogie.branches.same import once_each
@@ -213,11 +213,6 @@ def _passes(equations: Equations, branch: Branch, cycle: Orbit) -> bool:
     except ModelError:
         return True  # a family: it holds cycles of every amplitude
     return len(once_each([*on_branch, cycle])) == len(on_branch)
-
-
-def is_family(branch: Branch, interval: tuple[float, float]) -> bool:
-    """Tell whether the parameter stays constant along a branch: a family of cycles of every amplitude."""
-    return len(branch) > 1 and bool(np.ptp(branch.values) <= 1e-9 * (interval[1] - interval[0]))
 
 
 def _holds_family(

@@ -35,6 +35,8 @@ TURN = 2 * np.pi
 STATES = (Trajectory, Mapping, np.ndarray)  # types of what gives a state
 HARMONICS = 255  # of the recurrence, at most
 AROUND, FINE = 4, 200  # samples on each side of a recurrence, and places looked at between two of them
+PIECES = 40  # of a motion whose integration fails, shorter and shorter ones, in which it is followed on
+GROWN = 30.0  # size of a state, in units of its own, at which such a motion is about to leave every bound
 CANDIDATES = 6  # samples near which the end of a motion may be met before
 ONE_RETURN = 1e-3  # distance of a return from closed that makes it a period, whether or not later ones are closer
 
@@ -136,7 +138,8 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         try:
             states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE)])
         except ConvergenceError:
-            yield Recurrence("undecided", orbit, elapsed)
+            kind = "unbounded" if _blows_up(system, x, p, h, size) else "undecided"
+            yield Recurrence(kind, orbit if kind == "undecided" else None, elapsed)
             return
         if not np.isfinite(states).all() or (np.abs(states) > 1e6 * size).any():
             yield Recurrence("unbounded", None, elapsed)
@@ -171,6 +174,20 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         if back > CHUNK // 4:
             h *= 2
     yield Recurrence("undecided", orbit, elapsed)
+
+
+def _blows_up(system: System, x: Array, p: Array, h: float, size: Array) -> bool:
+    """Tell whether a motion that cannot be followed over a time leaves every bound within it."""
+    for _ in range(PIECES):
+        try:
+            there = states_after(system, x, p, h, CHUNK, TOLERANCE)[-1]
+        except ConvergenceError:
+            h /= 8
+            continue
+        if not np.isfinite(there).all() or (np.abs(there) > GROWN * size).any():
+            return True
+        x = there
+    return False
 
 
 def _running(system: System, states: Array, h: float) -> tuple[str, float] | None:

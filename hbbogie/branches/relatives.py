@@ -11,6 +11,7 @@ from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 
+MIRROR = "the mirror image"
 ODD = 1e-6  # even harmonics, relative to the largest, of a symmetric cycle
 LESS = 0.9  # share of the harmonics left out in those kept, up to which a guess without them is made
 
@@ -30,7 +31,7 @@ def relatives(system: System, orbit: Orbit) -> Iterator[tuple[str, Orbit]]:
     symmetric = system.odd or is_odd(system.dynamics, system.vector())
     if not symmetric or orbit.is_odd(ODD):
         return
-    yield "the mirror image", orbit.replace(coefficients=-c)
+    yield MIRROR, orbit.replace(coefficients=-c)
     if np.hypot(sizes[1], np.linalg.norm(c[0])) <= LESS * sizes[0]:
         between = np.zeros_like(c)
         between[odd] = c[odd]

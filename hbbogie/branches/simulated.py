@@ -54,7 +54,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     unresolved: Orbit | None = None
     for settled in _settled(system, starts, moving):
         if settled.kind == "undecided":
-            open_questions.append(settled.status)
+            open_questions.append(settled.status.partition("; give a larger")[0].removesuffix("."))
         if settled.kind != "cycle":
             continue
         guess = last_orbit(system, settled.trajectory, H, moving)
@@ -77,7 +77,7 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     if open_questions and not found:
         raise ConvergenceError(
             f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
-            f"reaches this value, and {open_questions[0]}",
+            f"reaches this value, and a motion is {open_questions[0]}",
             orbit=unresolved,
             statistics={"unresolved": unresolved is not None},  # whether more harmonics might help
         )

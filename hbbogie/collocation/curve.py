@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie.collocation.equations import Linearised, OnMesh
 from hbbogie.collocation.multipliers import Spectrum, spectrum_of
+from hbbogie.equilibria.resting import at_rest, resting_place
 from hbbogie.model.system import System
 from hbbogie.results.ending import Ending
 from hbbogie.solving.curve import Point
@@ -18,7 +19,6 @@ Array = NDArray[np.float64]
 VANISHED = 1e-3  # amplitude, relative to the largest of the branch, at which a cycle counts as an equilibrium
 NEAR = 1e-2  # distance from an equilibrium, relative to the range, at which a motion is near it
 RESTING = 0.9  # share of the period spent there by a motion that approaches a homoclinic one
-NEWTON = 50
 
 
 class OnMeshCurve:
@@ -126,19 +126,8 @@ class OnMeshCurve:
 def homoclinic(system: System, equations: OnMesh, u: Array) -> str:
     """Return the equilibrium near which a cycle of long period rests, for people; nothing where there is none."""
     values = equations.unpack(u)[0]
-    p = equations.parameters(u)
-    f = np.abs(equations.rates(values[:, 0], p)[0] / equations.size).max(axis=1)
-    x = values[np.argmin(f), 0]
-    try:
-        for _ in range(NEWTON):
-            step = np.linalg.solve(system.state_matrix(x, p), system.ode(x, p).full().ravel())
-            x = x - step
-            if np.abs(step / equations.size).max() < 1e-12:
-                break
-    except np.linalg.LinAlgError:
+    x = resting_place(system, values[:, 0], equations.parameters(u), equations.size)
+    if x is None:
         return ""
     far = np.abs((values[:, 1:] - x) / equations.size).max(axis=2)
-    share = float(equations.measure[far <= NEAR].sum())
-    if not share >= RESTING:
-        return ""
-    return ", ".join(f"{name} = {v:.6g}" for name, v in zip(system.coordinate_names, x, strict=False))
+    return at_rest(system, x) if float(equations.measure[far <= NEAR].sum()) >= RESTING else ""

@@ -235,7 +235,7 @@ def _said(curve: OnMeshCurve, point: Point, end: Ending) -> Ending:
     rest = homoclinic(system, curve.equations, point.u)
     if not rest:
         return end
-    what = f"homoclinic approach near {curve.where(point.u)}, at the equilibrium {rest}; the period is {T:.4g} s"
+    what = f"homoclinic approach near {curve.where(point.u)}, at {rest}; the period is {T:.4g} s"
     return Ending("homoclinic", what, "" if end.kind == "period" else end.what)
 
 

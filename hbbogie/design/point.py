@@ -184,7 +184,7 @@ def stable_cycle(point: DesignPoint, key: Any, value: float) -> Orbit | None:
     span = point.interval[0], max(point.interval[1], 1.01 * value)
     found = [
         cycle
-        for branch in branches_from_hopf(point.equations, point.parameter, span, families=False)
+        for branch in branches_from_hopf(point.equations, point.parameter, span)
         for cycle in crossings(point.equations, branch, value)
     ]
     if not found:

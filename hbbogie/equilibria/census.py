@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.curve import VERTICAL, RestBranch, RestCurve, follow
 from hbbogie.equilibria.rest import Level, Rest, conserved
 from hbbogie.equilibria.search import NEAR, NOTHING, SLICES, WIDE, Box, at_random, from_rest, newton, relaxed
@@ -173,14 +174,14 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
     for name in np.array(rest.system.coordinate_names)[rest.angles]:
         notes.append(f"{name} is an angle: equilibria are those of one turn")
     curve = RestCurve(rest, box, box.scale)
-    while queue and len(branches) < MOST_BRANCHES:
+    while queue and len(branches) < MOST_BRANCHES and not time_is_over():
         u = queue.pop(0)
         u[: rest.system.n][rest.angles] = (u[: rest.system.n][rest.angles] + np.pi) % (2 * np.pi) - np.pi
         if any(b.passes(curve, u) for b in branches):
             continue
         branch = follow(rest, box.about(rest, u), u)
         if branch is None or np.ptp(branch.u[:, -1]) <= VERTICAL * box.scale[-1]:
-            lost += 1
+            lost += not time_is_over()
             continue
         branch = replace(branch, turns=turns(rest, box, branch))
         twin = next((k for k, other in enumerate(branches) if _same(curve, other, branch)), None)
@@ -190,7 +191,9 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
         branches.append(branch)
         for turn in branch.turns if switching else ():
             queue += crossing(rest, box, branch, turn)
-    if queue and len(branches) == MOST_BRANCHES:
+    if time_is_over():
+        notes.append("the time limit was reached: not all equilibria found were followed")
+    elif queue and len(branches) == MOST_BRANCHES:
         notes.append(f"the search ended with {MOST_BRANCHES} branches of equilibria: there may be more")
     if lost:
         notes.append(f"{lost} equilibria found could not be followed: the equations are singular there")

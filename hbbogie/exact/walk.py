@@ -25,6 +25,7 @@ SHORTEST = 1e-5  # step at which the walk gives up
 NEARER = 1e-3  # step below which a change of the sequence is passed without being located
 SHORT = 1e-4  # scaled duration of a contact below which its vanishing would be mistaken for a fold
 LARGEST = 1e3  # size of a motion, in units of that at which the branch began, at which the walk ends
+BEGAN = Ending("began", "the linear cycles of the Hopf point first touch a contact")
 BISECTIONS = 8  # bisections between two points in search of a fold
 
 
@@ -41,10 +42,11 @@ def predicted(before: Point | None, here: Point, s: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The points of a branch, in order, and the reason why it ends."""
+    """The points of a branch, in order, and the reasons why it ends, and begins where it does."""
 
     points: list[Point]
     end: Ending
+    beginning: Ending = BEGAN
 
     __repr__ = brief
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hbbogie.errors import ModelError, pair
-from hbbogie.model.singular import without_poles
+from hbbogie.model.singular import ROOM, poles, without_poles
 from hbbogie.model.system import System
 
 
@@ -39,6 +39,16 @@ def check_interval(system: System, parameter: str, interval: tuple[float, float]
             f"within the parameter's bounds ({low:g}, {high:g})."
         )
     return lo, hi
+
+
+def widened(system: System, parameter: str, interval: tuple[float, float], share: float) -> tuple[float, float]:
+    """Return an interval with a share of its width added at either end, within bounds and not over a pole outside."""
+    low, high = interval
+    reach = check_interval(system, parameter, (low - share * (high - low), high + share * (high - low)))
+    room = ROOM * (high - low)
+    found = poles(system, parameter, reach)
+    below, above = ([pole for pole in found if beyond(pole)] for beyond in (lambda v: v <= low, lambda v: v >= high))
+    return max([reach[0], *(v + room for v in below)]), min([reach[1], *(v - room for v in above)])
 
 
 def check_start(parameter: str, value: float, interval: tuple[float, float]) -> None:

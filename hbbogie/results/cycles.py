@@ -18,7 +18,8 @@ class Cycles(list[Orbit]):
     evidence : sequence of str
         What was searched and found, what became of it, and what stayed undecided, sentences.
     undecided : sequence of str
-        What a limit of time cut short, so that a cycle may be missing, sentences; empty where it cut nothing.
+        What was cut short, by a limit of time or because a branch could not be followed to its end, so that a cycle may
+        be missing, sentences; empty where nothing was.
     """
 
     def __init__(self, orbits: Iterable[Orbit] = (), evidence: Iterable[str] = (), undecided: Iterable[str] = ()):
@@ -27,7 +28,7 @@ class Cycles(list[Orbit]):
 
     @property
     def complete(self) -> bool:
-        """Whether no limit of time cut the search short."""
+        """Whether nothing cut the search short."""
         return not self.undecided
 
     def rows(self) -> list[list[str]]:

@@ -14,9 +14,9 @@ class Ending:
     kind : str
         "interval" (the end of what was asked for), "closed", "bound", "vanishes" (the motion shrinks to nothing),
         "contact" (the motion no longer reaches one), "onset" (a curve of folds meets one of Hopf points), "family" (the
-        parameter does not vary), "began" (nothing lies before), "shown" (there is more), "stuck", "beyond" (an
-        unknown has left every scale), "points" (as many as were asked for), "limit" (the time allowed is over); empty
-        where it is not known.
+        parameter does not vary), "homoclinic" (the period grows without limit), "began" (nothing lies before), "shown"
+        (there is more), "stuck", "beyond" (an unknown has left every scale), "points" (as many as were asked for),
+        "limit" (the time allowed is over); empty where it is not known.
     what : str
         What happened, a sentence without its full stop.
     advice : str

@@ -63,10 +63,11 @@ def transitions_along(waveform: Waveform, steps: int | None = None, *, half: boo
 
 
 def product(transitions: Array) -> Array:
-    """Return the product of the transition matrices, the last one leftmost."""
-    while len(transitions) > 1:
-        odd = transitions[len(transitions) // 2 * 2 :]
-        transitions = np.concatenate([transitions[1::2] @ transitions[: len(transitions) // 2 * 2 : 2], odd])
+    """Return the product of the transition matrices, the last one leftmost; not finite where it overflows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        while len(transitions) > 1:
+            odd = transitions[len(transitions) // 2 * 2 :]
+            transitions = np.concatenate([transitions[1::2] @ transitions[: len(transitions) // 2 * 2 : 2], odd])
     return np.asarray(transitions[0])
 
 

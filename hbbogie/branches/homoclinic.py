@@ -1,0 +1,54 @@
+"""Branches of harmonic balance that run into a homoclinic motion, which no number of harmonics resolves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hbbogie import fourier
+from hbbogie.equilibria.resting import at_rest, resting_place
+from hbbogie.model.system import System
+from hbbogie.results import Orbit
+from hbbogie.results.ending import Ending
+
+GROWN = 2.0  # period, relative to that where the branch was begun, from which a homoclinic motion is looked for
+UNRESOLVED = 1e-2  # share of the highest harmonics from which cycles are no longer resolved
+MEETS, HITS = (
+    1e-2,
+    1e-3,
+)  # distance from an equilibrium, relative to the range, of a cycle that meets it; resolved or not
+NEAR, RESTING = 0.1, 0.4  # distance within which a cycle rests there, and share of its period that it spends so
+ADVICE = "follow it from one of its cycles by collocation: trace(Collocation().equations(system), ...)"
+
+
+def homoclinic_ending(system: System, first: float, orbit: Orbit, where: str) -> Ending | None:
+    """Return the ending of a branch whose cycle rests at an equilibrium; None otherwise.
+
+    Parameters
+    ----------
+    system : System
+    first : float, rad/s
+        Frequency of the cycle with which the branch was begun.
+    orbit : Orbit
+    where : str
+        The value of the parameter, for people.
+    """
+    if first < GROWN * orbit.omega:
+        return None
+    tau = fourier.phases(16 * (orbit.H + 1))
+    q = fourier.synthesis(orbit.H, tau) @ orbit.coefficients
+    v = orbit.omega * fourier.synthesis(orbit.H, tau, 1) @ orbit.coefficients
+    states = np.hstack([q, v[:, list(system.second_order)]])
+    size = np.ptp(states, axis=0)
+    size = np.maximum(size, 1e-9 * size.max())
+    with np.errstate(all="ignore"):
+        x = resting_place(system, states, system.vector(**orbit.parameters), size)
+    if x is None:
+        return None
+    far = np.abs((states - x) / size).max(axis=1)
+    other = np.abs((states + x) / size).max(axis=1) if fourier.is_odd(orbit.coefficients) else far
+    if far.min() > (HITS if orbit.tail < UNRESOLVED else MEETS) or (np.minimum(far, other) <= NEAR).mean() < RESTING:
+        return None
+    kind = "heteroclinic" if other is not far and np.abs(x / size).max() > NEAR else "homoclinic"
+    smooth = not any(element.ramps is not None or element.heights is not None for element in system.elements)
+    what = f"{kind} approach near {where}, at {at_rest(system, x)}; the period is {orbit.period:.4g} s"
+    return Ending("homoclinic", what, ADVICE if smooth else "")

@@ -1,0 +1,85 @@
+"""Polishing a candidate: the cycle that shooting, collocation or more harmonics confirm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hbbogie.branches.crossing import family_message
+from hbbogie.branches.relaxation import solved
+from hbbogie.branches.same import of_prime_period
+from hbbogie.collocation.starting import from_orbit
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.conserved import conserved_quantities
+from hbbogie.model.system import System
+from hbbogie.results import Orbit
+from hbbogie.results.failure import FAILURES, ConvergenceError
+from hbbogie.solving.solvers import solve
+from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.verification import verify
+
+FINER = (31, 63)  # harmonics with which a candidate is tried again where shooting does not close it
+UNRESOLVED = 1e-2  # tail of an orbit beyond which collocation is tried before shooting
+CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
+EXACT = 1e-10  # error of shooting, and of cycles in closed form
+
+
+@dataclass(eq=False)
+class Polishing:
+    """What confirms candidates of a system.
+
+    Attributes
+    ----------
+    system : System
+    parameter : str
+        Over which branches are followed, for messages.
+    family : str
+        What to say where a candidate was one of a continuous family, empty so far.
+    """
+
+    system: System
+    parameter: str
+    family: str = field(default="")
+
+    def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
+        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm."""
+        if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
+            return cycle.orbit()
+        finer, resolved = orbit, False
+        for H in (0, *finer_harmonics):
+            try:
+                if H and H <= finer.H:
+                    continue
+                if H:
+                    last, finer = finer, solve(HarmonicBalance(H).equations(self.system), finer, method="newton")
+                    resolved = abs(finer.omega / last.omega - 1) <= CONVERGED
+                return self._checked(finer)
+            except ConvergenceError:
+                continue
+            except FAILURES:
+                break
+        if orbit.tail <= UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
+            return cycle.orbit()
+        if not resolved or finer.tail > CONVERGED**0.5:
+            return None
+        stability = floquet(self.system, finer)
+        reason = f"shooting does not confirm the cycle; {stability.reason}"
+        unknown = replace(stability, verdict="unknown", reason=reason)
+        return finer.replace(stability=unknown, status=f"{finer.status}; shooting does not confirm it")
+
+    def _checked(self, orbit: Orbit) -> Orbit:
+        system = self.system
+        checked = verify(system, orbit)
+        found = of_prime_period(checked.orbit)
+        if found is not checked.orbit:
+            return self._checked(found)
+        if not checked.isolated:
+            size = np.abs(orbit.coefficients).sum(axis=0)
+            states = np.append(size, orbit.omega * size[list(system.second_order)])
+            if not len(conserved_quantities(system, system.vector(), states)):
+                self.family = family_message(system, self.parameter, found)
+                raise ConvergenceError(self.family, orbit=orbit)
+        errors = {"omega": max(checked.closure, EXACT) * found.omega, "waveform": max(checked.closure, EXACT)}
+        errors |= {c: max(checked.closure, EXACT) * peak for c, peak in checked.amplitudes.items()}
+        return found.replace(errors=errors)
