@@ -91,6 +91,12 @@ def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]
     return found
 
 
+def extent(name: str, branch: Branch) -> str:
+    """Return a sentence on where a branch, which has a name, was followed and why it ended."""
+    ends = "; ".join(str(end) for end in branch.ends if end.kind != "began")
+    return f"{name} was followed from {branch.values.min():.6g} to {branch.values.max():.6g}: {ends}"
+
+
 def family_message(system: System, name: str, orbit: Orbit) -> str:
     """Return what to say where the cycles at a value of a parameter form a continuous family, and what to try.
 

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
 ROUND_OFF = 1e-12  # share of the parameter's scale up to which it is zero
 FAR = 10.0  # amplitude, in units of its scale, above which steps grow with its square
+GROWN = 2.0  # period, relative to that of the first point, from which a homoclinic motion is looked for
 PATIENCE = 20  # points at one parameter value after which a branch counts as a family
 
 
@@ -76,16 +77,21 @@ class CycleCurve:
         if not self.families and len(points) > PATIENCE and all(abs(p.tangent[-1]) < VERTICAL for p in last):
             constant = f"{place} does not vary along the branch"
             return Ending("family", f"{constant}: a family of cycles, as of a conservative system")
-        if approach := homoclinic_ending(
-            self.equations.system, self.orbit(points[0]).omega, self.orbit(there), self.where(there.u)
-        ):
-            return approach
+        if self._omega(points[0].u) >= GROWN * self._omega(there.u):
+            approach = homoclinic_ending(self.equations.system, self.orbit(there), self.where(there.u))
+            if approach is not None:
+                return approach
         met = self.problem.violated(there.u)
         if any(bound.place == self.equations.leading and bound.side == "lower" for bound in met):
-            first, higher = (np.abs(part).max(initial=0.0) for part in np.split(self.orbit(there).coefficients[1:], [2]))
+            first, higher = (
+                np.abs(part).max(initial=0.0) for part in np.split(self.orbit(there).coefficients[1:], [2])
+            )
             what = "the cycle shrinks to an equilibrium" if higher < first else "cycles of half the period follow"
             return Ending("vanishes", f"the first harmonic vanishes at {place}: {what}")
         return Ending("bound", f"a bound was reached at {place}: {', '.join(map(str, met))}") if met else None
+
+    def _omega(self, u: Array) -> float:
+        return float(self.equations.frequency(u[:-1]))
 
     def stretch(self, u: Array) -> float:
         """Return how many times longer than usual a step may be: at amplitudes far above their scale little happens."""

@@ -10,7 +10,6 @@ from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
 
-GROWN = 2.0  # period, relative to that where the branch was begun, from which a homoclinic motion is looked for
 UNRESOLVED = 1e-2  # share of the highest harmonics from which cycles are no longer resolved
 MEETS, HITS = (
     1e-2,
@@ -20,20 +19,16 @@ NEAR, RESTING = 0.1, 0.4  # distance within which a cycle rests there, and share
 ADVICE = "follow it from one of its cycles by collocation: trace(Collocation().equations(system), ...)"
 
 
-def homoclinic_ending(system: System, first: float, orbit: Orbit, where: str) -> Ending | None:
+def homoclinic_ending(system: System, orbit: Orbit, where: str) -> Ending | None:
     """Return the ending of a branch whose cycle rests at an equilibrium; None otherwise.
 
     Parameters
     ----------
     system : System
-    first : float, rad/s
-        Frequency of the cycle with which the branch was begun.
     orbit : Orbit
     where : str
         The value of the parameter, for people.
     """
-    if first < GROWN * orbit.omega:
-        return None
     tau = fourier.phases(16 * (orbit.H + 1))
     q = fourier.synthesis(orbit.H, tau) @ orbit.coefficients
     v = orbit.omega * fourier.synthesis(orbit.H, tau, 1) @ orbit.coefficients

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from hbbogie.branches.closed_form import exact_crossings, exact_walk, exact_walk_through
-from hbbogie.branches.collocated import followed_from
+from hbbogie.branches.collocated import branch_of, followed_from
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import crossings, from_hopf
+from hbbogie.branches.crossing import crossings, extent, from_hopf
 from hbbogie.branches.same import alike, once_each
 from hbbogie.collocation.method import Collocation
 from hbbogie.deadline import time_is_over
@@ -20,7 +20,6 @@ from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.results import Branch, Orbit, SpecialPoint
-from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 
@@ -145,19 +144,14 @@ class Walker:
                     cycles += replace(self, span=part)._collocated(last, name).cycles
                 except FAILURES:
                     continue
-        return Walked(_extent(name, branch.values, branch.ends), all(end.complete for end in branch.ends), cycles)
+        return Walked(extent(name, branch), all(end.complete for end in branch.ends), cycles)
 
     def _collocated(self, orbit: Orbit, name: str) -> Walked:
         equations = Collocation().equations(self.system)
         followed = followed_from(equations, orbit, self.parameter, self.span, max_points=MOST)
+        branch = branch_of(followed, self.system, orbit, stability=False)
         cycles = [cycle.orbit() for _, cycle in followed.crossings(self.value)]
-        said = _extent(f"{name}, by collocation,", followed.values, followed.ends)
-        return Walked(said, all(end.complete for end in followed.ends), cycles)
-
-
-def _extent(name: str, values: Any, ends: tuple[Ending, Ending]) -> str:
-    """Return a sentence on where a branch, which has a name, was followed and why it ended."""
-    return f"{name} was followed from {np.min(values):.6g} to {np.max(values):.6g}: {ends[0]}; {ends[1]}"
+        return Walked(extent(f"{name}, by collocation,", branch), all(end.complete for end in branch.ends), cycles)
 
 
 def _beyond(orbit: Orbit, H: int) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hbbogie.branches.continuation import trace
+from hbbogie.branches.crossing import extent, from_hopf
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import fold
 from hbbogie.critical.harmonic_error import with_error
@@ -120,41 +120,39 @@ class _Search:
         """Follow the branch from a Hopf point, with more harmonics where it takes them, and solve for its folds."""
         name = f"the branch from the Hopf point at {hopf.parameter} = {hopf.value:.9g}"
         orders = sorted({min(H, self.harmonics) for H in ORDERS})
-        why, branch, folds, tail = "the time limit was reached", None, list[Critical](), 0.0
+        why, branches, folds, tail = "the time limit was reached", list[Branch](), list[Critical](), 0.0
         for H in orders:
             if time_is_over():
                 break
             try:
-                branch = self._traced(hopf, H)
+                branches = self._traced(hopf, H)
             except FAILURES as error:
                 why = str(error).partition("\n")[0]
                 continue
             last = orders[-1] == H
             try:
-                folds = [self._solved(special, last) for special in branch.folds()]
+                folds = [self._solved(special, last) for branch in branches for special in branch.folds()]
             except ConvergenceError:  # of a fold that these harmonics alone have
                 continue
-            tail = max(o.tail for o in branch.orbits)
-            if branch.ends[1].complete and tail <= RESOLVED:
+            tail = max(o.tail for branch in branches for o in branch.orbits)
+            if all(map(_complete, branches)) and tail <= RESOLVED:
                 break
-        if branch is None:
+        if not branches:
             said = f"{name} was not followed: {why}"
             self.evidence.append(said)
             self.undecided.append(said)
             return
-        low, high = float(branch.values.min()), float(branch.values.max())
-        said = f"{name} was followed from {low:.6g} to {high:.6g}: {branch.ends[1]}"
-        lost = tail > LOST
-        if lost:
-            said += f"; {H} harmonics do not resolve all its cycles, whose folds may be others"
-        self.evidence.append(said)
-        if lost or not branch.ends[1].complete:
-            self.undecided.append(said)
+        lost = f"; {H} harmonics do not resolve all its cycles, whose folds may be others" if tail > LOST else ""
+        for branch in branches:
+            said = f"{extent(name, branch)}{lost}"
+            self.evidence.append(said)
+            if lost or not _complete(branch):
+                self.undecided.append(said)
         self.found += [c for c in folds if not any(coincide(c, other) for other in self.found)]
 
-    def _traced(self, hopf: SpecialPoint, H: int) -> Branch:
+    def _traced(self, hopf: SpecialPoint, H: int) -> list[Branch]:
         equations = HarmonicBalance(H).equations(self.equations.system)
-        return trace(equations, hopf, hopf.parameter, self.span, families=False, stability=False)
+        return from_hopf(equations, hopf, hopf.parameter, self.span)
 
     def _solved(self, special: SpecialPoint, last: bool) -> Critical:
         """Return a fold of a branch with its gradient; of the last attempt without one where that does not converge."""
@@ -175,6 +173,10 @@ class _Search:
             status=status,
             **shown,
         )
+
+
+def _complete(branch: Branch) -> bool:
+    return all(end.complete for end in branch.ends)
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:
