@@ -25,7 +25,6 @@ from hbbogie.results.failure import FAILURES
 from hbbogie.solving.solvers import solve
 
 HARMONICS = 15  # highest harmonic of harmonic balance
-SERIES = 31  # and of the series of cycles in closed form, whose frequencies and multipliers do not depend on it
 SECONDS = 20.0  # after which a search ends with what was found
 
 
@@ -98,7 +97,7 @@ def explored(system: System, view: View, before: Explored | None = None, *, seco
 def equations_of(system: System) -> Equations | ExactEquations:
     """Return the equations of cycles in closed form where there are such, else those of harmonic balance."""
     try:
-        return Exact(SERIES).equations(system)
+        return Exact().equations(system)
     except ModelError:
         return HarmonicBalance(HARMONICS).equations(system)
 
