@@ -1,11 +1,13 @@
 """Benchmarks: ``python -m hbbogie.benchmark`` measures the main steps on Yang's bogie and prints them.
 
 Each figure is the best of several single-threaded runs on this machine. Elapsed time is shown beside the processor time
-of this process, which is less sensitive to other work on the machine.
+of this process, which is less sensitive to other work on the machine. Parts can be named: ``exact``, ``collocation``,
+``balance``, ``explorer``; the last moves sliders in a browser.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import platform
 import re
@@ -14,8 +16,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from queue import Queue
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -40,12 +45,23 @@ from hbbogie.collocation.special import judged
 from hbbogie.collocation.starting import from_motion, from_orbit
 from hbbogie.collocation.walk import follow as follow_on_mesh
 from hbbogie.critical.designs import critical_speeds_of
+from hbbogie.errors import named
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.starting import at_grazing
 from hbbogie.exact.walk import Walk, follow
 from hbbogie.exchange import to_auto
 
 REPEATS = 5
+CHROMIUM = (
+    "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --window-size=1400,1200"
+)
+COUNT = "Number(document.documentElement.dataset.answers || 0)"  # diagrams that the page has drawn
+MOVE = (
+    "const all = [...document.querySelectorAll('#parameters input[type=range]')].filter((e) => !e.disabled);"
+    "const one = all[Math.floor(all.length * arguments[0])];"
+    "one.value = arguments[1]; one.dispatchEvent(new Event('input', {bubbles: true}))"
+)
 RANDOM = ("Mw", "Mf", "K1", "K2", "K4", "K6", "D2", "lam", "f11")  # varied by 20 % to either side
 
 
@@ -221,6 +237,54 @@ def measure_auto(table: Table) -> None:
     table.rows.append((what, spent, spent, f"{points[-1]} points, fold {float(fold_at[0]):.4f} m/s"))
 
 
+def measure_explorer(table: Table, moves: int = 50) -> None:
+    """Measure random moves of sliders in Chromium, from the slider to the drawn diagram; the median counts."""
+    if not (shutil.which("chromium") and shutil.which("chromedriver") and importlib.util.find_spec("selenium")):
+        print("explorer: not measured, for Chromium, its driver or selenium is missing", file=sys.stderr)
+        return
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    from hbbogie.explorer import Session, opening, serve
+
+    module = load_problem("yang1995")
+    session = Session("yang1995", module, module.bogie(), opening(module, module.bogie()))
+    addresses: Queue[str] = Queue()
+    Thread(target=lambda: serve(session, 0, browser=False, ready=addresses.put), daemon=True).start()
+    with _chromium() as page:
+        page.get(addresses.get(timeout=30))
+        wait = WebDriverWait(page, 60, poll_frequency=0.02)
+        wait.until(lambda p: p.execute_script("return document.documentElement.dataset.cycles"))
+        page.execute_script("performance.clearMeasures('diagram')")
+        rng, busy = np.random.default_rng(0), time.process_time()
+        for _ in range(moves):
+            before = page.execute_script(f"return {COUNT}")
+            page.execute_script(MOVE, float(rng.uniform()), int(rng.integers(250, 750)))
+            wait.until(lambda p: p.execute_script(f"return {COUNT}") > before)  # noqa: B023  # called at once
+        worked = (time.process_time() - busy) / moves
+        passed = page.execute_script("return performance.getEntriesByName('diagram').map(e => e.duration / 1000)")
+    remark = f"{len(passed)} moves, nine of ten within {1e3 * np.quantile(passed, 0.9):.0f} ms"
+    what = "explorer: from slider to drawn diagram, median in a browser"
+    table.rows.append((what, float(np.median(passed)), worked, remark))
+
+
+@contextmanager
+def _chromium() -> Iterator[Any]:
+    """Start Chromium without a window, with a new profile."""
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium") or ""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        for flag in (*CHROMIUM.split(), f"--user-data-dir={folder}"):
+            options.add_argument(flag)
+        page = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver") or ""))
+        try:
+            yield page
+        finally:
+            page.quit()
+
+
 def _peak_memory() -> float:
     """Return the largest resident memory of the processes started so far [MB]."""
     import resource  # not on Windows
@@ -229,13 +293,12 @@ def _peak_memory() -> float:
     return kilobytes / (1e6 if sys.platform == "darwin" else 1e3)
 
 
-def main() -> None:
-    """Measure and print."""
-    table = Table()
-    measure_exact(table)
-    measure_collocation(table)
-    measure(table)
-    measure_auto(table)
+def main(parts: Sequence[str] = ()) -> None:
+    """Measure and print: all parts, or those named."""
+    table, known = Table(), {"exact": measure_exact, "collocation": measure_collocation, "balance": measure}
+    known |= {"auto": measure_auto, "explorer": measure_explorer}
+    for part in parts or known:
+        known[named("benchmark", "part", part, known)](table)
     width = max(len(what) for what, *_ in table.rows)
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     print(f"{platform.machine()}, {os.cpu_count()} processors{load}; times in ms")
@@ -247,4 +310,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from hbbogie.commandline import methods, motion, railway, study  # noqa: F401  # each adds its commands
+from hbbogie.commandline import explore, methods, motion, railway, study  # noqa: F401  # each adds its commands
 from hbbogie.commandline.application import (
     FIGURES,
     AsJson,

@@ -226,7 +226,7 @@ def _reported(data: Any, wanted: Study) -> Report:
 
 
 def _html(found: Report, path: Path) -> Path:
-    from hbbogie.reports.study import write_html
+    from hbbogie.reports.page import write_html
 
     return write_html(found, path)
 

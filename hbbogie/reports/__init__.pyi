@@ -16,10 +16,15 @@ from .figures import draw as draw
 from .figures import load_saved as load_saved
 from .figures import plot_branch as plot_branch
 from .motion import simulated as simulated
+from .page import Origin as Origin
+from .page import html_of as html_of
+from .page import write_html as write_html
 from .ramp import ramp_of as ramp_of
 from .report import Report as Report
 from .report import check_directory as check_directory
 from .study import report_of as report_of
-from .study import write_html as write_html
+from .summary import diagram_sentences as diagram_sentences
+from .summary import influence_sentences as influence_sentences
+from .summary import rest_pieces as rest_pieces
 from .table import Table as Table
 from .table import plain as plain

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -22,8 +23,9 @@ from hbbogie.reports.cycle_tables import (
 )
 from hbbogie.reports.figures import cycle_figures, diagram_figures, linear
 from hbbogie.reports.report import Report
+from hbbogie.reports.summary import diagram_sentences, fold_of_diagram, influence_sentences
 from hbbogie.reports.table import Table
-from hbbogie.results import Branch, Cycles, Orbit
+from hbbogie.results import Branch, Cycles, Equilibria, Orbit
 from hbbogie.stability.hill_method import hill as hill_of
 from hbbogie.stability.multipliers import floquet
 
@@ -103,7 +105,7 @@ def default_study(module: ModuleType, system: System, progress: Progress = silen
     here = report_of_cycles(system, parameter, found.cycles)
     tables, figures = (*here.tables, *report.tables), {**report.figures, **here.figures}
     data = {**report.data, **here.data}
-    return Report(report.title, tables, report.branches, figures, report.notes, data)
+    return replace(report, tables=tables, figures=figures, data=data)
 
 
 def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hill: bool = False) -> Report:
@@ -161,8 +163,16 @@ def _by_hill(system: System, cycles: list[Orbit]) -> Table:
     )
 
 
-def report_of_diagram(system: System, found: Diagram) -> Report:
-    """Return tables, figures and notes of the curves of cycles over a parameter."""
+def report_of_diagram(system: System, found: Diagram, rest: Equilibria | None = None) -> Report:
+    """Return summary, tables, figures and notes of the curves of cycles over a parameter.
+
+    Parameters
+    ----------
+    system : System
+    found : Diagram
+    rest : Equilibria, optional
+        Over the same interval; found where left out.
+    """
     parameter, q = found.parameter, system.coordinate_names[0]
     unit = system.parameter(parameter).unit
     along = {(s.kind, s.value): s for b in found.branches.values() for s in b.special}
@@ -188,7 +198,16 @@ def report_of_diagram(system: System, found: Diagram) -> Report:
     data = {"parameters": dict(system.values), "parameter": parameter, "interval": found.interval}
     data["hopf_points"] = [{"value": s.value, "omega_rad_s": s.omega, "status": s.status} for s in found.hopf]
     saved = {**found.branches, **{k: b for k, b in found.families.items() if not linear(b)}}
-    return Report(system.name, tuple(tables), saved, diagram_figures(system, found), tuple(notes), data)
+    return Report(
+        f"{system.name}: cycles over {parameter}",
+        tuple(tables),
+        saved,
+        diagram_figures(system, found),
+        tuple(notes),
+        data,
+        summary=(*diagram_sentences(system, found, rest), *influence_sentences(system, fold_of_diagram(system, found))),
+        about=(f"Branches of cycles {where}.",),
+    )
 
 
 def quantity(system: System, parameter: str, value: float) -> str:

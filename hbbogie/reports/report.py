@@ -38,6 +38,15 @@ class Report:
         Written like the others, but not shown.
     texts : dict of str
         Text files, by name.
+    summary : tuple of str
+        What was found, in sentences made from the numbers; a page begins with them, or with the notes where there are
+        none.
+    about : tuple of str
+        What was computed, sentences of a page.
+    inputs : tuple of Table
+        With which data, on a page.
+    captions : dict of str
+        What one sees in a figure, by its name, where that is not the usual one.
     """
 
     title: str
@@ -48,6 +57,10 @@ class Report:
     data: dict[str, Any] = field(default_factory=dict)
     long_tables: tuple[Table, ...] = ()
     texts: dict[str, str] = field(default_factory=dict)
+    summary: tuple[str, ...] = ()
+    about: tuple[str, ...] = ()
+    inputs: tuple[Table, ...] = ()
+    captions: dict[str, str] = field(default_factory=dict)
 
     __repr__ = brief
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +13,7 @@ from hbbogie.errors import ModelError, unknown_name
 from hbbogie.reports.figures import draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
-from hbbogie.studies.dataset import names_of, replacing
+from hbbogie.studies.dataset import names_of
 from hbbogie.studies.statistics import Exceedance, exceedance, independent, prediction, sobol_indices, values_of
 from hbbogie.units import label
 
@@ -26,14 +23,6 @@ if TYPE_CHECKING:
 
 SHOWN = 20  # failures listed
 MOST = 8  # inputs of parallel coordinates where none are named
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.15rem; margin-top: 2rem; }
-table { border-collapse: collapse; font-size: 0.9rem; display: block; overflow-x: auto; }
-th, td { padding: 0.2rem 0.7rem; border-bottom: 1px solid #ddd; text-align: right; vertical-align: top; }
-th:first-child, td:first-child, td.text { text-align: left; }
-th { border-bottom: 2px solid #777; } img { max-width: 100%; } p.note { color: #666; font-size: 0.9rem; }
-"""
 
 
 def report_of(
@@ -242,47 +231,3 @@ def _most_correlated(data: xr.Dataset, output: str) -> list[str]:
         vary = known.sum() > 2 and np.ptp(u) > 0 and np.ptp(w[known]) > 0
         size[name] = abs(float(spearmanr(u, w[known]).statistic)) if vary else 0.0
     return sorted(size, key=lambda n: -size[n])[:MOST]
-
-
-# --- HTML -------------------------------------------------------------------------------------
-
-
-def write_html(report: Report, path: str | Path) -> Path:
-    """Write a report as one HTML file that holds its figures.
-
-    Parameters
-    ----------
-    report : Report
-    path : str or path
-    """
-    from hbbogie import plot
-
-    parts = [f"<h1>{html.escape(report.title)}</h1>"]
-    parts += [f'<p class="note">{html.escape(note)}</p>' for note in report.notes]
-    parts += [_html_table(table) for table in report.tables[:2]]
-    for name, figure in report.figures.items():
-        image = base64.b64encode(plot.drawing(figure())).decode()
-        text = html.escape(name.replace("_", ": ", 1))
-        parts.append(f'<h2>Figure {text}</h2>\n<img alt="{text}" src="data:image/png;base64,{image}">')
-    parts += [_html_table(table) for table in report.tables[2:]]
-    head = f'<meta charset="utf-8">\n<title>{html.escape(report.title)}</title>\n<style>{STYLE}</style>'
-    text = (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head}\n</head>\n<body>\n'
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
-    )
-    target = Path(path)
-    with replacing(target) as part:
-        part.write_text(text, "utf-8")
-    return target
-
-
-def _html_table(table: Table) -> str:
-    header = "".join(f"<th>{html.escape(c)}</th>" for c in table.columns)
-    body = []
-    for cells, row in zip(table.cells(), table.rows, strict=True):
-        kinds = [' class="text"' if isinstance(value, str) else "" for value in row]
-        body.append("".join(f"<td{k}>{html.escape(c)}</td>" for k, c in zip(kinds, cells, strict=True)))
-    rows = "\n".join(f"<tr>{r}</tr>" for r in body)
-    notes = "".join(f'<p class="note">{html.escape(n)}</p>' for n in table.notes)
-    return f"<h2>{html.escape(table.title)}</h2>\n<table>\n<tr>{header}</tr>\n{rows}\n</table>{notes}"

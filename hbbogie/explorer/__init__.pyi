@@ -1,0 +1,12 @@
+from .following import Explored as Explored
+from .following import explored as explored
+from .picture import cycle_data as cycle_data
+from .picture import diagram_data as diagram_data
+from .script import script_of as script_of
+from .server import application as application
+from .server import serve as serve
+from .session import Session as Session
+from .view import Mistakes as Mistakes
+from .view import View as View
+from .view import opening as opening
+from .view import view_of as view_of
