@@ -56,7 +56,11 @@ Harmonics = Annotated[
 ]
 Limit = Annotated[
     float | None,
-    typer.Option("--limit", metavar="SECONDS", help="Time after which to end with what was found, and to say so."),
+    typer.Option(
+        "--limit",
+        metavar="SECONDS",
+        help="Time after which to end with what was found, and to say so. A step that has begun is done first.",
+    ),
 ]
 Interval = Annotated[
     tuple[float, float] | None,
@@ -193,5 +197,9 @@ def in_time(limit: float | None, job: Callable[[], Report]) -> Report:
 
     with time_limit(limit):
         found, over = job(), time_is_over()
-    said = f"Incomplete: the time limit of {limit:g} s was reached; what was found by then is shown." if over else ""
-    return replace(found, notes=(said, *found.notes), data={**found.data, "complete": False}) if over else found
+    if not over:
+        return found
+    said = (
+        f"Incomplete: the time limit of {limit:g} s was reached. What was found by then is shown; none means none yet."
+    )
+    return replace(found, notes=(said, *found.notes), data={**found.data, "complete": False})

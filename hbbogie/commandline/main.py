@@ -45,6 +45,7 @@ def run(
     figures: Annotated[
         str | None, typer.Option(metavar="paper", help="Draw the figures of the problem's paper instead.")
     ] = None,
+    limit: Limit = None,
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -53,7 +54,7 @@ def run(
 
     if figures not in (None, "paper"):
         raise ModelError(f"--figures {figures!r}: the one choice is paper; leave the option out for the whole job.")
-    do(name, overrides, output, as_json, run_of if figures is None else figures_of_paper)
+    do(name, overrides, output, as_json, run_of if figures is None else figures_of_paper, limit)
 
 
 @command(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +15,7 @@ from hbbogie.commandline.application import AsJson, app, command
 
 if TYPE_CHECKING:
     from hbbogie.reports.report import Report
-    from hbbogie.studies.study import Study
+    from hbbogie.studies.study import Look
 
 QUIET = 30.0  # s between two lines of progress where there is no terminal
 
@@ -110,11 +111,11 @@ def status(file: File, store: StorePath = None, points: Count = None, as_json: A
     from hbbogie.reports.cycles import Table
     from hbbogie.reports.report import Report
     from hbbogie.studies.store import Store
+    from hbbogie.studies.store_rows import listed
 
     path, _ = _found(file, store, points)
-    keep = Store.read(path)
-    p, about = keep.counts(), keep.about()
-    keep.close()
+    with closing(Store.read(path)) as keep:
+        p, about = keep.counts(), keep.about()
     rows = [
         ("store", str(path)),
         ("problem", about["problem"]),
@@ -122,11 +123,13 @@ def status(file: File, store: StorePath = None, points: Count = None, as_json: A
         ("points", p.total),
         ("finished", p.done),
         ("without an answer", p.failed),
-        ("missing", p.total - p.done),
+        ("missing", p.missing),
         ("time of the workers [s]", round(p.seconds, 3)),
     ]
+    rows += [("damaged rows", listed(p.damaged))] if p.damaged else []
     table = Table("status", "Study", ("what", "value"), tuple(rows), ("", ""))
-    deliver(Report("status", (table,), data={"total": p.total, "done": p.done, "failed": p.failed}), [], as_json)
+    data = {"total": p.total, "done": p.done, "failed": p.failed, "damaged": p.damaged}
+    deliver(Report("status", (table,), data=data), [], as_json)
 
 
 @command(
@@ -145,6 +148,7 @@ def export(
     """Write the finished points of a study as NetCDF, CSV or Parquet."""
     from hbbogie.commandline.terminal import deliver
     from hbbogie.reports.report import Report
+    from hbbogie.reports.study import damage
     from hbbogie.studies.dataset import check_export
     from hbbogie.studies.dataset import export as write
 
@@ -152,7 +156,8 @@ def export(
     check_export(output)
     data = _read(path)
     written = write(data, output)
-    deliver(Report("export", notes=(f"{data.sizes['point']} points exported.",)), [written], as_json)
+    notes = (f"{data.sizes['point']} points exported.", *damage(data))
+    deliver(Report("export", notes=notes), [written], as_json)
 
 
 @command(
@@ -174,13 +179,18 @@ def report(
     from hbbogie.errors import ModelError
     from hbbogie.reports.report import check_directory
     from hbbogie.reports.study import report_of
+    from hbbogie.studies.dataset import names_of
+    from hbbogie.studies.study import read_look
 
-    path, wanted = _found(file, store, points)
+    path, study_file = _found(file, store, points)
     if output.suffix != ".html":
         raise ModelError(f"--output {str(output)!r}: give a file name that ends in .html.")
     check_directory(output.parent)
     data = _read(path)
-    found = report_of(data, path.stem) if wanted is None else _reported(data, wanted)
+    if study_file is None:
+        found = report_of(data, path.stem)
+    else:
+        found = _reported(data, read_look(study_file, names_of(data, "inputs"), data.attrs["sampling"]))
     deliver(found, [_html(found, output)], as_json)
 
 
@@ -188,38 +198,34 @@ def _default_store(path: Path, points: int | None) -> Path:
     return Path(f"{path.stem}-{points}.db" if points else f"{path.stem}.db")
 
 
-def _found(file: str, store: Path | None, points: int | None) -> tuple[Path, Study | None]:
-    """Return the store that is meant, and the study file where one was given."""
-    from hbbogie.studies.store import is_store
-    from hbbogie.studies.study import load_study
+def _found(file: str, store: Path | None, points: int | None) -> tuple[Path, Path | None]:
+    """Return the store that is meant, and the study file where one was given; nothing of its problem or job runs."""
+    from hbbogie.studies.store_file import is_store
+    from hbbogie.studies.study import find_study
 
     if file.endswith(".db") or is_store(file):
         return Path(file), None
-    wanted = load_study(file, points)
-    return store or _default_store(wanted.path, points), wanted
+    study_file = find_study(file)
+    return store or _default_store(study_file, points), study_file
 
 
 def _read(path: Path) -> Any:
     from hbbogie.studies.dataset import dataset_of
     from hbbogie.studies.store import Store
 
-    keep = Store.read(path)
-    try:
+    with closing(Store.read(path)) as keep:
         return dataset_of(keep)
-    finally:
-        keep.close()
 
 
 def _state(path: Path) -> str:
     from hbbogie.studies.store import Store
 
-    keep = Store.read(path)
-    p = keep.counts()
-    keep.close()
+    with closing(Store.read(path)) as keep:
+        p = keep.counts()
     return f"{p.done} of {p.total} points"
 
 
-def _reported(data: Any, wanted: Study) -> Report:
+def _reported(data: Any, wanted: Look) -> Report:
     from hbbogie.reports.study import report_of
 
     return report_of(data, wanted.title, wanted.outputs, wanted.figures)

@@ -15,6 +15,7 @@ from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.studies.dataset import names_of
 from hbbogie.studies.statistics import Exceedance, exceedance, independent, prediction, sobol_indices, values_of
+from hbbogie.studies.store_rows import listed
 from hbbogie.units import label
 
 if TYPE_CHECKING:
@@ -64,7 +65,15 @@ def report_of(
         drawn[f"{k}_{figure['kind']}"] = partial(_drawn, draws)
     if data["failed"].values.any():
         tables.append(_failures(data))
-    return Report(title, tuple(tables), {}, drawn, tuple(notes), {"attributes": dict(data.attrs)})
+    return Report(title, tuple(tables), {}, drawn, (*damage(data), *notes), {"attributes": dict(data.attrs)})
+
+
+def damage(data: xr.Dataset) -> tuple[str, ...]:
+    """Return a sentence on the rows that are damaged in the store of a study; none where all are whole."""
+    points = json.loads(data.attrs.get("damaged", "[]"))
+    if not points:
+        return ()
+    return (f"Damaged in the store: {listed(points)}. Resume the study to compute these points anew.",)
 
 
 def _drawn(draws: Callable[[], Figure]) -> Figure:
@@ -85,7 +94,8 @@ def _reason(error: Exception) -> str:
 def _about(data: xr.Dataset) -> Table:
     done, failed = data.sizes["point"], int(data["failed"].values.sum())
     a, total = data.attrs, int(data.attrs["total"])
-    seconds = data["seconds"].values
+    seconds = data["seconds"].values[np.isfinite(data["seconds"].values)]
+    times = f"median {np.median(seconds):.3g} s, longest {np.max(seconds):.3g} s" if len(seconds) else "unknown"
     rows = [
         ("problem", a["problem"]),
         ("job", a["job"]),
@@ -97,7 +107,7 @@ def _about(data: xr.Dataset) -> Table:
         ),
         ("sampling", f"{a['sampling']}, seed {a['seed']}" if a["seed"] != "" else a["sampling"]),
         ("inputs", ", ".join(names_of(data, "inputs"))),
-        ("time per point", f"median {np.nanmedian(seconds):.3g} s, longest {np.nanmax(seconds):.3g} s"),
+        ("time per point", times),
         ("versions", ", ".join(f"{n} {v}" for n, v in json.loads(a["versions"]).items())),
         ("hash", f"problem {a['problem_hash']}, job {a['job_hash']}"),
         *_changes(data),

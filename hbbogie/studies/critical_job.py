@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.critical.speeds import critical_speeds
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import pair, whole
 from hbbogie.exact.critical import nominal_design
 from hbbogie.exact.starting import cycle_of
 from hbbogie.model.ranges import default_reach
@@ -17,16 +17,17 @@ from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
 Outputs = dict[str, Any]
-METHODS = ("mhb", "exact")
+Interval = Annotated[tuple[float, float], pair]
+Harmonics = Annotated[int, whole]
 
 
 def smallest_critical(
     system: System,
     parameter: str = "V",
-    interval: tuple[float, float] | None = None,
-    harmonics: int = 15,
+    interval: Interval | None = None,
+    harmonics: Harmonics = 15,
     gradients: bool = True,
-    method: str = "mhb",
+    method: Literal["mhb", "exact"] = "mhb",
 ) -> Outputs:
     """Find the critical values of a parameter, with their gradients.
 
@@ -56,8 +57,6 @@ def smallest_critical(
         ``complete``, 1 where every branch was followed to its end and 0 elsewhere; and the gradients. "No fold" with
         the evidence is an answer; a branch that cannot be followed is not.
     """
-    if method not in METHODS:
-        raise ModelError(f"job critical: {unknown_name('method', method, METHODS)}")
     span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
     if method == "exact":
         return _exact(system, parameter, span, gradients)

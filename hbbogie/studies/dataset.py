@@ -15,7 +15,8 @@ from hbbogie.errors import ModelError, as_path, of_kind
 from hbbogie.model.system import System
 from hbbogie.studies.jobs import output_units
 from hbbogie.studies.optional import required
-from hbbogie.studies.store import NOMINAL, Store
+from hbbogie.studies.store import Store
+from hbbogie.studies.store_rows import NOMINAL
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,7 +41,7 @@ def dataset_of(store: Store) -> xr.Dataset:
     """Return the finished points of a study, labelled."""
     import xarray as xr
 
-    about, everything = store.about(), store.outcomes()
+    about, everything, counts = store.about(), store.outcomes(), store.counts()
     nominal = next((o.outputs for o, _, _ in everything if o.point == NOMINAL), {})
     rows = [row for row in everything if row[0].point != NOMINAL]
     names = list(dict.fromkeys(name for o, _, _ in rows for name in o.outputs))
@@ -64,7 +65,8 @@ def dataset_of(store: Store) -> xr.Dataset:
         "outputs": json.dumps(names),
         "sampling": about["sampling"],
         "seed": "" if about["seed"] is None else about["seed"],
-        "total": store.counts().total,
+        "total": counts.total,
+        "damaged": json.dumps(counts.damaged),
         "problem": about["problem"],
         "problem_hash": about["fingerprints"]["problem"],
         "job": about["job"],

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError, unknown_name
+from hbbogie.errors import ModelError, pair, unknown_name
 
 Array = NDArray[np.float64]
 DISTRIBUTIONS = ("uniform", "normal", "truncated_normal", "lognormal", "triangular")
@@ -27,8 +27,7 @@ def distribution(name: str, given: Any) -> Any:
         raise ModelError(
             f"parameter {name!r}: got {given!r}; give (low, high) or a distribution such as scipy.stats.norm(1, 2)."
         ) from None
-    if not low < high:
-        raise ModelError(f"parameter {name!r}: got ({low:g}, {high:g}); give (low, high) with low < high.")
+    low, high = pair(f"parameter {name!r}", (low, high))
     return uniform(low, high - low)
 
 
@@ -86,6 +85,8 @@ def named_distribution(kind: str, values: Mapping[str, float]) -> Any:
             lambda low, mode, high: stats.triang((mode - low) / (high - low), low, high - low),
         ),
     }
+    if unbounded := [name for name, value in values.items() if not np.isfinite(value)]:
+        raise ModelError(f"distribution {kind!r}: {unbounded[0]} = {values[unbounded[0]]}; give finite numbers.")
     if kind in makers:
         wanted, make = makers[kind]
         if set(values) != set(wanted):

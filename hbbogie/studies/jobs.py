@@ -7,8 +7,7 @@ the units of its outputs.
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +23,13 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.problem import load_problem
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
-from hbbogie.studies.critical_job import Outputs, smallest_critical
+from hbbogie.studies.critical_job import Harmonics, Interval, Outputs, smallest_critical
 
 __all__ = ["JOBS", "Outputs", "branch", "compare", "cycles", "job_function", "output_units", "smallest_critical"]
 
 
 def cycles(
-    system: System, parameter: str = "V", interval: tuple[float, float] | None = None, harmonics: int = 15
+    system: System, parameter: str = "V", interval: Interval | None = None, harmonics: Harmonics = 15
 ) -> Outputs:
     """Find the cycles at the point's parameter values, by growing amplitude.
 
@@ -63,8 +62,8 @@ def cycles(
 def branch(
     system: System,
     parameter: str = "V",
-    interval: tuple[float, float] | None = None,
-    harmonics: int = 15,
+    interval: Interval | None = None,
+    harmonics: Harmonics = 15,
     at: Sequence[float] = (),
 ) -> Outputs:
     """Trace the branch from the first Hopf point.
@@ -106,7 +105,7 @@ def branch(
 def compare(
     system: System,
     parameter: str = "V",
-    interval: tuple[float, float] | None = None,
+    interval: Interval | None = None,
     methods: Sequence[str] = ("df1",),
     truth: str = "mhb15",
     values: Sequence[float] | None = None,
@@ -183,36 +182,6 @@ def job_function(job: str | Callable[..., Outputs]) -> Callable[..., Outputs]:
         own = [n for n, f in vars(module).items() if callable(f) and getattr(f, "__module__", "") == module.__name__]
         raise ModelError(f"job {job!r}: {unknown_name('function', name, own)}")
     return function  # type: ignore[no-any-return]
-
-
-def wrong_option(function: Callable[..., Outputs], options: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return an option that a job does not take or needs and does not get, and a sentence; None where all is well.
-
-    Parameters
-    ----------
-    function : callable
-        A job.
-    options : mapping
-        Keywords for it.
-    """
-    try:
-        parameters = list(inspect.signature(function).parameters.values())
-    except (TypeError, ValueError):
-        return None  # without a readable signature: let the call speak
-    name = getattr(function, "__name__", "")
-    first = next((p for p in parameters if p.kind not in (p.KEYWORD_ONLY, p.VAR_KEYWORD)), None)
-    if first is None:
-        return "", f"job {name} takes no system; its first argument is the system, the others are its options."
-    others = [p for p in parameters if p is not first or p.kind is p.VAR_POSITIONAL]
-    allowed = [p.name for p in others if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
-    if not any(p.kind is p.VAR_KEYWORD for p in parameters):
-        for key in options:
-            if key not in allowed:
-                return key, f"job {name}: {unknown_name('option', str(key), allowed)}"
-    for p in others:
-        if p.default is p.empty and p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL) and p.name not in options:
-            return "", f"job {name} needs the option {p.name!r}; give it among the options of the job."
-    return None
 
 
 def output_units(

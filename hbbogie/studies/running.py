@@ -13,12 +13,17 @@ from hbbogie.errors import ModelError
 from hbbogie.parallel.processes import LOOK, interruptions
 from hbbogie.progress import Progress
 from hbbogie.studies.runners import Runner, lost_executor
-from hbbogie.studies.store import NOMINAL, Store
+from hbbogie.studies.store import Store
+from hbbogie.studies.store_rows import NOMINAL
 from hbbogie.studies.tasks import Outcome, check_outputs, failure
 
 TRIES = 2  # times a point may kill the worker it runs on
 SILENT = 10  # points that may kill their workers as long as none has answered
 DEADLY = f"the worker process died {TRIES} times on this point: out of memory, or a crash in native code"
+MISTAKES = (  # what a wrong option or a mistake in a job's code raises, unlike work that does not succeed
+    *("ModelError", "TypeError", "ValueError", "KeyError", "IndexError", "AttributeError", "NameError", "ImportError"),
+    *("ModuleNotFoundError", "AssertionError"),
+)
 EVERY = 0.2  # s between two reports of progress
 PATIENCE = 0.5  # s; within which Ctrl-C that reached a worker reaches this process
 
@@ -93,8 +98,8 @@ def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: C
 
 def _refuse(nominal: Outcome, keep: Store) -> None:
     """Raise `ModelError` where the nominal point shows that the job does not fit: it would fail at every point."""
-    if nominal.error == ModelError.__name__:
-        reason = nominal.status.removeprefix(f"{nominal.error}: ")
+    if nominal.error in MISTAKES:
+        reason = nominal.status.removeprefix(f"{ModelError.__name__}: ")
         raise ModelError(f"the job cannot be done at the nominal point: {reason}")
     check_outputs(nominal.outputs, keep.about()["parameters"])
 

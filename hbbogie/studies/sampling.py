@@ -297,6 +297,8 @@ def _count(distributions: Mapping[str, Any], count: float) -> int:
         raise ModelError("points: no parameter; give the range or distribution of at least one.")
     if not isinstance(count, int | float | np.number) or not 1 <= count < np.inf or count != int(count):
         raise ModelError(f"points: count = {count!r}; give a whole number of at least 1.")
+    if count > MOST:
+        raise ModelError(f"points: count = {count:g}; give {MOST:g} at most.")
     return int(count)
 
 

@@ -2,42 +2,43 @@
 
 Every finished point is one transaction. In the write-ahead mode used here, a process that is killed leaves the file as
 the last transaction left it. Only one process writes. It holds a lock that the operating system releases when the
-process ends.
+process ends. Every row has a checksum, which is compared whenever the row is read.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import sqlite3
-from collections.abc import Mapping
-from contextlib import closing, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError
 from hbbogie.studies.sampling import Points
+from hbbogie.studies.store_file import EACH, LEAST, connect, existing, locked, refusal, remove, reserve, room, unlock
+from hbbogie.studies.store_rows import (
+    ABOUT,
+    COLUMNS,
+    DAMAGED,
+    NOMINAL,
+    VERSION,
+    About,
+    Row,
+    checksum_of,
+    empty_rows,
+    fill,
+    points_described,
+    whole_rows,
+    write_about,
+    write_rows,
+)
 from hbbogie.studies.tasks import Outcome
-
-VERSION = "1"  # of the layout below
-NOMINAL = -1  # number of the point at the system's own values
-LEAST, EACH = 512 * 1024, 3000  # bytes reserved: at least, and for each point
-LAYOUT = """
-CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE points (
-    point INTEGER PRIMARY KEY,  -- -1 is the nominal point
-    inputs TEXT NOT NULL,       -- JSON: parameter values by name
-    outputs TEXT,               -- JSON: NULL as long as the point is missing
-    status TEXT, failed INTEGER, seconds REAL, worker TEXT, finished TEXT
-);
-"""
-SQL_INSERT = "INSERT OR REPLACE INTO points (point, inputs) VALUES (?, ?)"
-SQL_ABOUT = "INSERT OR REPLACE INTO about VALUES (?, ?)"
-SQL_PUT = """UPDATE points SET outputs = ?, status = ?, failed = ?, seconds = ?, worker = ?,
-    finished = strftime('%Y-%m-%dT%H:%M:%fZ') WHERE point = ?"""
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,20 @@ class Counts:
         Points; the failed ones are among those done.
     seconds : float
         Time that the finished points took, over all workers.
+    damaged : tuple of int
+        Numbers of the points whose rows are damaged; they count neither as finished nor as missing.
     """
 
     total: int
     done: int
     failed: int
     seconds: float
+    damaged: tuple[int, ...] = ()
+
+    @property
+    def missing(self) -> int:
+        """Points that are not finished."""
+        return self.total - self.done - sum(point != NOMINAL for point in self.damaged)
 
 
 class Store:
@@ -85,23 +94,26 @@ class Store:
         target = Path(path or ":memory:")
         if path is not None and target.exists():
             raise ModelError(f"{str(target)!r} exists; resume it, or give another name.")
-        content = {**about, "layout": VERSION, **_described(points)}
+        content = {**about, **points_described(points)}
         if path is None:
             connection = sqlite3.connect(":memory:")
-            _fill(connection, points, content)
+            fill(connection, points, content)
             return cls(target, connection, None)
-        lock, part = _lock(target), Path(f"{target}.part")
+        lock, part, begun = locked(target), Path(f"{target}.part"), False
         try:
-            _remove(part)
+            remove(part)
             with closing(sqlite3.connect(part)) as connection:
-                _reserve(connection, max(LEAST, EACH * len(points)))
-                _fill(connection, points, content)
+                reserve(connection, max(LEAST, EACH * len(points)))
+                fill(connection, points, content)
             part.replace(target)  # whole or not at all, whenever the process is killed
-            return cls(target, _connect(target), lock)
+            begun = True
+            return cls(target, connect(target), lock)
         except (sqlite3.Error, OSError) as error:
-            _unlock(lock)
-            _remove(part)
-            raise _disk(target, error) from error
+            unlock(lock)
+            remove(part)
+            if begun:
+                remove(target)
+            raise refusal(target, error) from error
 
     @classmethod
     def open(cls, path: str | Path) -> Store:
@@ -110,34 +122,34 @@ class Store:
         Raises
         ------
         ModelError
-            When there is no such file, it is no study, it cannot be written, or another process works on it.
+            When there is no such file, it is no study, it is damaged so that nothing can be added to it, it cannot be
+            written, or another process works on it.
         """
-        target = _existing(path)
-        lock = _lock(target)
+        target = existing(path)
+        lock, store = locked(target), None
         try:
-            store = cls(target, _connect(target), lock)
-        except sqlite3.Error as error:
-            _unlock(lock)
-            raise _disk(target, error) from error
-        try:
-            store._check()
-            _reserve(store._connection, max(LEAST, EACH * len(store.missing())))
+            with closing(cls.read(target)) as before:  # anything is written
+                before._check_structure()
+            store = cls(target, connect(target), lock)
+            needed = max(LEAST, EACH * len(store.missing())) - room(store._connection)
+            if needed > 0:
+                reserve(store._connection, needed)
             return store
-        except sqlite3.Error as error:
-            store.close()
-            raise _disk(target, error) from error
-        except ModelError:
-            store.close()
-            raise
+        except (ModelError, sqlite3.Error) as error:
+            if store is None:
+                unlock(lock)
+            else:
+                store.close()
+            raise error if isinstance(error, ModelError) else refusal(target, error) from error
 
     @classmethod
     def read(cls, path: str | Path) -> Store:
         """Open an existing study to look at it, also while another process works on it."""
-        target = _existing(path)
+        target = existing(path)
         try:
             connection = sqlite3.connect(f"{target.resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)
         except sqlite3.Error as error:
-            raise _disk(target, error) from error
+            raise refusal(target, error) from error
         store = cls(target, connection, None)
         try:
             store._check()
@@ -147,12 +159,30 @@ class Store:
         return store
 
     def _check(self) -> None:
+        """Raise `ModelError` unless this is the store of a study, of this version."""
         try:
-            layout = self.about().get("layout")
+            (layout,) = self._connection.execute("PRAGMA user_version").fetchone()
+            self._connection.execute("SELECT name FROM sqlite_schema").fetchall()
         except sqlite3.DatabaseError as error:
-            raise ModelError(f"{str(self.path)!r} is not the store of a study: {error}.") from error
+            raise ModelError(f"{str(self.path)!r} is damaged, or not the store of a study: {error}.") from error
         if layout != VERSION:
-            raise ModelError(f"{str(self.path)!r} has layout {layout}; this version of hbbogie reads layout {VERSION}.")
+            raise ModelError(
+                f"{str(self.path)!r} is not the store of a study, or one of another version of hbbogie (layout "
+                f"{layout}; this version reads layout {VERSION}, whose rows have checksums); read it with the version "
+                "that wrote it, or run the study anew."
+            )
+
+    def _check_structure(self) -> None:
+        """Raise `ModelError` where the file is damaged in such a way that writing to it would do further harm."""
+        try:
+            ((said, *_), *_) = self._connection.execute("PRAGMA quick_check(1)").fetchall()
+        except sqlite3.DatabaseError as error:
+            said = str(error)
+        if said != "ok":
+            raise ModelError(
+                f"{str(self.path)!r} is damaged ({' '.join(said.split())}), so that nothing can be added to it; take "
+                "what is whole with hbbogie study export, and begin a new store."
+            )
 
     def close(self) -> None:
         """Close the file and give its lock back."""
@@ -161,173 +191,108 @@ class Store:
                 self._connection.execute("PRAGMA journal_mode = DELETE")  # one file, to be read anywhere
         self._connection.close()
         if self._lock is not None:
-            _unlock(self._lock)
+            unlock(self._lock)
             self._lock = None
 
     # --- what it is about ---------------------------------------------------------------------
 
     def describe(self, about: Mapping[str, Any]) -> None:
-        """Write down what the study is about, by name."""
-        rows = [(name, json.dumps(value, default=str)) for name, value in about.items()]
-        with self._connection as c:
-            c.executemany(SQL_ABOUT, rows)
+        """Write down what the study is about, by name; raise `ModelError` when the disk refuses it."""
+        with self._writing() as c:
+            write_about(c, about)
 
     def about(self) -> dict[str, Any]:
-        """Return what was written down by `describe`."""
-        return {n: json.loads(v) for n, v in self._connection.execute("SELECT name, value FROM about")}
+        """Return what was written down by `describe`; asked for a name that is not there, it raises `ModelError`."""
+        found = About()
+        for table in ABOUT:
+            with suppress(sqlite3.DatabaseError):  # of a damaged page
+                for name, value, checksum in self._connection.execute(f"SELECT name, value, checksum FROM {table}"):
+                    if checksum == checksum_of((name, value)):
+                        found[name] = json.loads(value)
+        return found
 
     # --- points -------------------------------------------------------------------------------
 
     def put(self, outcome: Outcome) -> None:
         """Write a finished point, in a transaction of its own; raise `ModelError` when the disk refuses it."""
-        o = outcome
-        try:
-            with self._connection as c:
-                c.execute(SQL_PUT, (json.dumps(o.outputs), o.status, int(o.failed), o.seconds, o.worker, o.point))
-        except sqlite3.Error as error:
-            raise _disk(self.path, error) from error
+        o, now = outcome, datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        seconds = None if o.seconds != o.seconds else float(o.seconds)  # SQLite knows no NaN
+        with self._writing() as c:
+            row = whole_rows(self._read("WHERE point = ?", o.point))
+            if not row:
+                raise ModelError(f"{str(self.path)!r}: point {o.point}: {DAMAGED}.")
+            write_rows(c, [(*row[0][:2], json.dumps(o.outputs), o.status, int(o.failed), seconds, o.worker, now)])
 
     def missing(self) -> list[tuple[int, dict[str, float]]]:
         """Return number and parameter values of the points that are not finished, the nominal one first."""
-        rows = self._connection.execute("SELECT point, inputs FROM points WHERE outputs IS NULL ORDER BY point")
-        return [(point, json.loads(inputs)) for point, inputs in rows]
+        return [(row[0], json.loads(row[1])) for row in self._rows()[0] if row[2] is None]
 
     def forget_failed(self) -> None:
         """Make the failed points missing ones, to be tried again."""
-        with self._connection as c:
-            c.execute("UPDATE points SET outputs = NULL, failed = NULL WHERE failed")
+        failed = [row for row in self._rows()[0] if row[4]]
+        with self._writing() as c:
+            write_rows(c, [(*row[:2], *[None] * 6) for row in failed])
 
     def replace_points(self, points: Points) -> None:
         """Take other points; the outcome of a point with the same values as before is kept."""
-        columns = "inputs, outputs, status, failed, seconds, worker, finished"
-        with self._connection as c:
-            query = f"SELECT {columns} FROM points WHERE outputs IS NOT NULL AND point >= 0"
-            old = {row[0]: row[1:] for row in c.execute(query)}
+        old = {row[1]: row[2:] for row in self._rows()[0] if row[2] is not None and row[0] != NOMINAL}
+        with self._writing() as c:
             c.execute("DELETE FROM points")
-            c.execute(SQL_INSERT, (NOMINAL, "{}"))
-            inputs = [json.dumps(points.point(i)) for i in range(len(points))]
-            rows = [(i, text, *old.get(text, (None,) * 6)) for i, text in enumerate(inputs)]
-            c.executemany(f"INSERT INTO points (point, {columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
-        self.describe(_described(points))
+            write_rows(c, ((*row[:2], *old.get(row[1], row[2:])) for row in empty_rows(points)))
+            write_about(c, points_described(points))
 
     def counts(self) -> Counts:
-        """Return how many points there are, and how many are finished."""
-        query = "SELECT count(*), count(outputs), total(failed), total(seconds) FROM points WHERE point >= 0"
-        total, done, failed, seconds = self._connection.execute(query).fetchone()
-        return Counts(total, done, int(failed), float(seconds))
+        """Return how many points there are, how many are finished, and which are damaged."""
+        rows, damaged = self._rows()
+        done = [row for row in rows if row[2] is not None and row[0] != NOMINAL]
+        seconds = sum(row[5] for row in done if row[5] is not None)
+        return Counts(self.about()["total"], len(done), sum(row[4] for row in done), seconds, damaged)
 
     def outcomes(self) -> list[tuple[Outcome, dict[str, float], str]]:
-        """Return the outcome, the parameter values and the time of finishing of every point that is finished."""
-        query = "SELECT point, outputs, status, failed, seconds, worker, inputs, finished FROM points"
-        rows = self._connection.execute(f"{query} WHERE outputs IS NOT NULL ORDER BY point")
-        found = []
-        for point, outputs, status, failed, seconds, worker, inputs, finished in rows:
-            time = float("nan") if seconds is None else seconds
-            found.append(
-                (Outcome(point, json.loads(outputs), status, bool(failed), time, worker), json.loads(inputs), finished)
-            )
-        return found
+        """Return the outcome, the parameter values and the time of finishing of every point that is finished.
 
-    def points(self) -> Points:
-        """Return all points of the study, finished or not."""
-        rows = self._connection.execute("SELECT inputs FROM points WHERE point >= 0 ORDER BY point").fetchall()
+        A damaged row is a failed point whose status says so, with parameter values that are NaN.
+        """
+        rows, damaged = self._rows()
+        names, none = self.about()["parameters"], float("nan")
+        found = [(Outcome(i, {}, DAMAGED, True, none, ""), dict.fromkeys(names, none), "") for i in damaged]
+        for point, inputs, outputs, status, failed, seconds, worker, finished in rows:
+            if outputs is not None:
+                time = none if seconds is None else seconds
+                outcome = Outcome(point, json.loads(outputs), status, bool(failed), time, worker)
+                found.append((outcome, json.loads(inputs), finished))
+        return sorted(found, key=lambda each: each[0].point)
+
+    def inputs(self) -> NDArray[np.float64]:
+        """Return the parameter values of all points, shape (points, parameters); those of damaged rows are NaN."""
         about = self.about()
-        values = np.array([list(json.loads(text).values()) for (text,) in rows])
-        return Points(tuple(about["parameters"]), values, about["sampling"], about["seed"])
+        values = np.full((about["total"], len(about["parameters"])), np.nan)
+        for row in self._rows()[0]:
+            if row[0] != NOMINAL:
+                values[row[0]] = list(json.loads(row[1]).values())
+        return values
 
+    def _rows(self) -> tuple[list[Row], tuple[int, ...]]:
+        """Return the rows that are whole, by number, and the numbers of the damaged ones."""
+        numbers = range(NOMINAL, self.about()["total"])
+        try:
+            found = self._read()
+        except sqlite3.DatabaseError:  # a damaged page: take the rows that are on others
+            found = []
+            for point in numbers:
+                with suppress(sqlite3.DatabaseError):
+                    found += self._read("WHERE point = ?", point)
+        whole = {row[0]: row for row in whole_rows(found)}
+        return [whole[i] for i in numbers if i in whole], tuple(i for i in numbers if i not in whole)
 
-def is_store(path: str | Path) -> bool:
-    """Tell by its first bytes whether a file is a database."""
-    try:
-        with open(path, "rb") as file:
-            return file.read(16) == b"SQLite format 3\0"
-    except OSError:
-        return False
+    def _read(self, which: str = "", *values: int) -> list[Row]:
+        return self._connection.execute(f"SELECT {COLUMNS}, checksum FROM points {which}", values).fetchall()
 
-
-def _described(points: Points) -> dict[str, Any]:
-    return {"parameters": list(points.names), "sampling": points.kind, "seed": points.seed}
-
-
-def _connect(path: Path) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, timeout=10.0)
-    connection.execute("PRAGMA journal_mode = WAL")
-    # in write-ahead mode this is safe against the death of the process, and writes to disk at checkpoints
-    connection.execute("PRAGMA synchronous = NORMAL")
-    return connection
-
-
-def _existing(path: str | Path) -> Path:
-    if not Path(path).is_file():
-        raise ModelError(f"no study {str(path)!r}; give the path of a store written before.")
-    return Path(path)
-
-
-def _fill(connection: sqlite3.Connection, points: Points, about: Mapping[str, Any]) -> None:
-    """Write layout, points and description of a new study."""
-    connection.executescript(LAYOUT)
-    connection.execute(SQL_INSERT, (NOMINAL, "{}"))
-    connection.executemany(SQL_INSERT, [(i, json.dumps(points.point(i))) for i in range(len(points))])
-    connection.executemany(SQL_ABOUT, [(name, json.dumps(value, default=str)) for name, value in about.items()])
-    connection.commit()
-
-
-def _reserve(connection: sqlite3.Connection, size: int) -> None:
-    """Claim room in the file: what is deleted again stays in it as free pages."""
-    connection.execute("CREATE TABLE IF NOT EXISTS reserve (room BLOB)")
-    connection.execute("INSERT INTO reserve VALUES (zeroblob(?))", (size,))
-    connection.commit()
-    connection.execute("DROP TABLE reserve")
-    connection.commit()
-
-
-def _remove(part: Path) -> None:
-    """Remove what is there of a store that was not finished, and its journal."""
-    for path in (part, Path(f"{part}-journal")):
-        path.unlink(missing_ok=True)
-
-
-def _lock(path: Path) -> sqlite3.Connection:
-    """Return the connection that holds a study's lock, a file beside it locked by SQLite, on every platform alike."""
-    try:
-        lock = sqlite3.connect(f"{path}.lock", timeout=0.0, isolation_level=None)
-    except sqlite3.OperationalError as error:
-        raise _disk(path, error) from error
-    try:
-        lock.execute("PRAGMA journal_mode = MEMORY")
-        lock.execute("BEGIN EXCLUSIVE")
-        lock.execute("CREATE TABLE IF NOT EXISTS held (by TEXT)")
-    except sqlite3.OperationalError as error:
-        lock.close()
-        if "locked" in str(error):
-            raise ModelError(
-                f"another process works on {str(path)!r}; wait for it, or end it; hbbogie study status shows it."
-            ) from error
-        raise _disk(path, error) from error
-    return lock
-
-
-def _unlock(lock: sqlite3.Connection) -> None:
-    with closing(lock):
-        lock.rollback()
-
-
-def _disk(path: Path, error: sqlite3.Error | OSError) -> ModelError:
-    """Return the sentence for what SQLite says when it cannot write."""
-    folder = path.resolve().parent
-    text = str(error)
-    if not os.path.isdir(folder):
-        reason = f"the directory {str(folder)!r} does not exist; make it"
-    elif (
-        not os.access(folder, os.W_OK)
-        or (path.exists() and not os.access(path, os.W_OK))
-        or "readonly" in text
-        or "unable to open" in text
-    ):
-        reason = "it or its directory is read-only; give another place"
-    elif "full" in text or "I/O" in text:
-        safe = " What was finished before is safe; go on with --resume" if path.exists() else ""
-        reason = f"the disk is full or broken; make room.{safe}"
-    else:
-        reason = text
-    return ModelError(f"cannot write the study {str(path)!r}: {reason} (SQLite: {text}).")
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        """Write in one transaction; raise `ModelError` when the disk refuses it."""
+        try:
+            with self._connection as connection:
+                yield connection
+        except sqlite3.Error as error:
+            raise refusal(self.path, error) from error

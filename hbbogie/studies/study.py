@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ from hbbogie.brief import brief
 from hbbogie.errors import ModelError, unknown_name
 from hbbogie.model.problem import load_problem, shipped_folder, shipped_problems, system_of
 from hbbogie.model.system import System
-from hbbogie.studies.jobs import JOBS, job_function, wrong_option
+from hbbogie.studies.jobs import JOBS, job_function
+from hbbogie.studies.options import wrong_option
 from hbbogie.studies.sampling import Points
-from hbbogie.studies.store import is_store
+from hbbogie.studies.store_file import is_store
 from hbbogie.studies.study_points import PointsReader
 from hbbogie.studies.sweeps import task_of
 
@@ -31,20 +32,14 @@ FIGURES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
-    """What a study file asks for.
+class Look:
+    """How the results of a study are shown.
 
     Attributes
     ----------
     path : Path
+        Of the study file.
     title : str
-    problem : str
-        Name of a shipped problem, or path.
-    job : str
-        Name of a job, or "path:function".
-    values, options : dict
-        Parameter values common to all points; keywords of the job.
-    points : Points
     outputs : tuple of str
         Shown in the report; all of them where empty.
     figures : tuple of dict
@@ -53,13 +48,32 @@ class Study:
 
     path: Path
     title: str
+    outputs: tuple[str, ...]
+    figures: tuple[dict[str, Any], ...]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Study(Look):
+    """What a study file asks for, besides how the results are shown.
+
+    Attributes
+    ----------
+    problem : str
+        Name of a shipped problem, or path.
+    job : str
+        Name of a job, or "path:function".
+    values, options : dict
+        Parameter values common to all points; keywords of the job.
+    points : Points
+    """
+
     problem: str
     job: str
     values: dict[str, Any]
     options: dict[str, Any]
     points: Points
-    outputs: tuple[str, ...]
-    figures: tuple[dict[str, Any], ...]
 
     __repr__ = brief
 
@@ -102,9 +116,36 @@ def load_study(name_or_path: str | Path, count: int | None = None) -> Study:
     ModelError
         For anything wrong: the message names the file, the line or the key, and what is allowed.
     """
-    path = find_study(name_or_path)
     if count is not None and count < 1:
         raise ModelError(f"study: count = {count}; give at least one point.")
+    reader, content = _read(name_or_path)
+    return reader.study(content, count)
+
+
+def read_look(name_or_path: str | Path, inputs: Sequence[str], sampling: str) -> Look:
+    """Read what a study file says about the report on its results, without running anything of its problem or job.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+    inputs : sequence of str
+        Names of the parameters that the finished study varies.
+    sampling : str
+        How its points were chosen.
+
+    Raises
+    ------
+    ModelError
+        For anything wrong in these parts of the file.
+    """
+    reader, content = _read(name_or_path)
+    reader.known(content, "", KEYS)
+    return reader.look(content, inputs, sampling)
+
+
+def _read(name_or_path: str | Path) -> tuple[_Reader, dict[str, Any]]:
+    """Return the reader of a study file, and its content."""
+    path = find_study(name_or_path)
     if is_store(path):
         raise ModelError(f"{str(path)!r} is the store of a study; give the study file (.toml) here.")
     try:
@@ -115,7 +156,7 @@ def load_study(name_or_path: str | Path, count: int | None = None) -> Study:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ModelError(f"{path}: {error}.") from error
-    return _Reader(path, text).study(content, count)
+    return _Reader(path, text), content
 
 
 class _Reader(PointsReader):
@@ -141,15 +182,22 @@ class _Reader(PointsReader):
             self.wrong("options", *wrong)
         system = self.system(problem, job, values, options)
         points = self.points(self.take(content, "", "points", dict, None), system, count)
+        for name in set(points.names) & set(values):
+            self.wrong("values", name, f"the points give values of {name!r}, too; leave it out of one of both.")
+        shown = self.look(content, points.names, points.kind)
+        return Study(self.path, shown.title, shown.outputs, shown.figures, problem, job, values, options, points)
+
+    def look(self, content: Mapping[str, Any], inputs: Sequence[str], sampling: str) -> Look:
+        """Return how the results are to be shown."""
         figures = self.take(content, "", "figures", list, [])
         for figure in figures:
-            self.figure(figure, points)
+            self.figure(figure, inputs, sampling)
         title = self.take(content, "", "title", str, self.path.stem)
         outputs = tuple(self.take(content, "", "outputs", list, []))
         for name in outputs:
             if not isinstance(name, str):
                 self.wrong("", "outputs", f"got {name!r}; give names of outputs.")
-        return Study(self.path, title, problem, job, values, options, points, outputs, tuple(figures))
+        return Look(self.path, title, outputs, tuple(figures))
 
     def system(self, problem: str, job: str, values: Mapping[str, Any], options: Mapping[str, Any]) -> System:
         """Return the system at the values common to all points."""
@@ -158,7 +206,8 @@ class _Reader(PointsReader):
         except ModelError as error:
             self.wrong(*_culprit(problem, values), str(error))
 
-    def figure(self, figure: Any, points: Points) -> None:
+    def figure(self, figure: Any, inputs: Sequence[str], sampling: str) -> None:
+        """Check what a figure asks for."""
         if not isinstance(figure, dict):
             self.wrong("", "figures", "write each one as a table [[figures]].")
         kind = self.take(figure, "figures", "kind", str, None)
@@ -170,25 +219,25 @@ class _Reader(PointsReader):
             self.take(figure, "figures", key, str, None)
         for key in set(may) & set(figure):
             if key == "inputs":
-                self.inputs(figure[key], points)
+                self.inputs(figure[key], inputs)
             elif key == "colour":
                 self.take(figure, "figures", key, str, None)
             else:
                 self.numbers("figures", key, figure[key])
         if kind == "map":
             for key in ("x", "y"):
-                if figure[key] not in points.names:
-                    self.wrong("figures", key, unknown_name("input", figure[key], points.names))
-        if kind == "sensitivity" and points.kind != "saltelli":
-            self.wrong("figures", "kind", f"sensitivity needs points with sample = 'saltelli'; got {points.kind!r}.")
+                if figure[key] not in inputs:
+                    self.wrong("figures", key, unknown_name("input", figure[key], inputs))
+        if kind == "sensitivity" and sampling != "saltelli":
+            self.wrong("figures", "kind", f"sensitivity needs points with sample = 'saltelli'; got {sampling!r}.")
 
-    def inputs(self, given: Any, points: Points) -> None:
+    def inputs(self, given: Any, names: Sequence[str]) -> None:
         """Check the inputs that a figure names."""
         if not isinstance(given, list) or not given:
             self.wrong("figures", "inputs", f"got {given!r}; give a list of inputs.")
         for name in given:
-            if name not in points.names:
-                self.wrong("figures", "inputs", unknown_name("input", str(name), points.names))
+            if name not in names:
+                self.wrong("figures", "inputs", unknown_name("input", str(name), names))
 
 
 def _culprit(problem: str, values: Mapping[str, Any]) -> tuple[str, str]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import concurrent.futures as cf
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import chdir
+from contextlib import chdir, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.model.problem import default_interval, load_problem, shipped_problems
@@ -19,11 +21,13 @@ from hbbogie.parallel.processes import interruptions
 from hbbogie.progress import Progress, silent
 from hbbogie.studies.dataset import dataset_of, describe_units
 from hbbogie.studies.fingerprints import versions
-from hbbogie.studies.jobs import JOBS, Outputs, job_function, wrong_option
+from hbbogie.studies.jobs import JOBS, Outputs, job_function
+from hbbogie.studies.options import wrong_option
 from hbbogie.studies.runners import runner_of
 from hbbogie.studies.running import drive
 from hbbogie.studies.sampling import Points, as_points
 from hbbogie.studies.store import Store
+from hbbogie.studies.store_rows import listed
 from hbbogie.studies.tasks import Task
 
 if TYPE_CHECKING:
@@ -117,6 +121,8 @@ def sweep(
         task = replace(task, limit=positive("limit", limit, "s"))
     system, function = task.system(), task.function
     chosen = chosen.of_system(system)
+    if both := [name for name in chosen.names if name in task.values]:
+        raise ModelError(f"sweep: the points give values of {both[0]!r}, and so do the common ones; leave one out.")
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:
         raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
     workers = None if workers is None else whole("sweep: workers (0 for this process)", workers, 0)
@@ -131,8 +137,11 @@ def sweep(
         try:
             with chdir("."), runner_of(task, executor, workers, scheduler) as runner:  # a job may go elsewhere
                 drive(runner, keep, progress or silent)
-        finally:
-            describe_units(keep, system, function)
+        except BaseException:
+            with suppress(ModelError):  # of a full disk, which would hide the reason
+                describe_units(keep, system, function)
+            raise
+        describe_units(keep, system, function)
         return dataset_of(keep)
     except ModelError:
         empty = not begun and not keep.outcomes()  # refused, with nothing to go on with
@@ -192,6 +201,8 @@ def _opened(task: Task, points: Points, path: str | Path | None, resume: bool, a
                 f"{str(path)!r} was begun with {'; '.join(changes)}. What is in it is not what is asked for now: "
                 "give another store, or accept_changes=True (--accept-changes) to keep what is finished."
             )
+        if damaged := keep.counts().damaged:
+            changes = [*changes, f"{len(damaged)} damaged rows, computed anew (points {listed(damaged)})"]
         if changes:
             keep.replace_points(points)
             now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
@@ -214,11 +225,11 @@ def _changes(keep: Store, about: Mapping[str, Any], points: Points) -> list[str]
     ]
     if old.get("options") != new["options"]:
         found.append(f"other options of the job ({old.get('options')}, now {new['options']})")
-    kept = keep.points()
-    same = kept.names == points.names and kept.values.shape == points.values.shape
-    if not same or (kept.values != points.values).any():
+    names, kept = tuple(before["parameters"]), keep.inputs()
+    known = ~np.isnan(kept)  # of damaged rows nothing is known
+    if names != points.names or kept.shape != points.values.shape or (kept != points.values)[known].any():
         found.append(
-            f"other points ({len(kept)} of {', '.join(kept.names)}, now {len(points)} of {', '.join(points.names)})"
+            f"other points ({len(kept)} of {', '.join(names)}, now {len(points)} of {', '.join(points.names)})"
         )
     casadi = before["versions"]["casadi"], about["versions"]["casadi"]
     if found and casadi[0] != casadi[1]:

@@ -36,7 +36,7 @@ def test_run_status_export_report(tmp_path):
     assert result.exit_code == 0, result.output
     assert "40 of 40 points" in result.stderr and "40 of 40 finished" in result.stdout
     state = json.loads(call("status", path, "--json").stdout)["data"]
-    assert state == {"total": 40, "done": 40, "failed": 0}
+    assert state == {"total": 40, "done": 40, "failed": 0, "damaged": []}
     for suffix in ("nc", "csv", "parquet"):
         result = call("export", "products.db", "--output", f"out.{suffix}")
         assert result.exit_code == 0, result.output
