@@ -92,6 +92,7 @@ def critical_speeds(
         raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
     methods = chosen_methods("critical_speeds", system, method, harmonics)
     harmonics = HARMONICS if harmonics is None else harmonics
+    HarmonicBalance(harmonics).check(system)
     lo, hi = check_interval(system, parameter, interval)
     # the branch of a fold inside may begin at a Hopf point beyond the end
     around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)

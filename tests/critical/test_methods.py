@@ -25,7 +25,9 @@ def van_der_pol():
 class TestCriticalValues:
     def test_of_the_bogie(self, bogie):
         """Auto is exact; harmonic balance agrees within its error, and so do the gradients of both."""
-        exact, balance = ({c.kind: c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0), method=m)} for m in ("auto", "mhb"))
+        exact, balance = (
+            {c.kind: c for c in hb.critical_speeds(bogie, "V", (60.0, 190.0), method=m)} for m in ("auto", "mhb")
+        )
         assert exact["fold"].value == pytest.approx(V, abs=5e-11)
         assert exact["fold"].orbit.method == "exact" and "closed form" in exact["fold"].status
         assert abs(balance["fold"].value - V) <= balance["fold"].error
