@@ -96,8 +96,19 @@ def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Criti
     ConvergenceError
         When there is no fold near by.
     """
-    system = equations.system
-    point = exact_cycle(system, equations.at(guess, parameter), parameter, free=True)
+    return exact_critical(exact_cycle(equations.system, equations.at(guess, parameter), parameter, free=True))
+
+
+def exact_critical(point: Point) -> Critical:
+    """Return the fold near a point of a branch, with its gradient.
+
+    Raises
+    ------
+    ConvergenceError
+        When there is no fold near by.
+    """
+    system = point.closing.model.system
+    parameter = system.parameter_names[point.closing.place]
     try:
         found = fold_of(point.closing, point.y[None])
     except np.linalg.LinAlgError:

@@ -138,8 +138,12 @@ def collocated_fold(equations: CollocationEquations, guess: Orbit | SpecialPoint
             "trace, and start from branch.folds().",
             orbit,
         )
-    found = min(folds, key=lambda s: abs(s.value - value))
-    cycle = found.cycle
+    return collocated_critical(min(folds, key=lambda s: abs(s.value - value)))
+
+
+def collocated_critical(found: Special) -> Critical:
+    """Return a fold located on a branch, with its gradient."""
+    cycle, parameter = found.cycle, found.curve.parameter
     return Critical(
         kind="fold",
         parameter=parameter,
@@ -150,5 +154,6 @@ def collocated_fold(equations: CollocationEquations, guess: Orbit | SpecialPoint
         orbit=cycle.orbit(),
         residual=cycle.residual,
         curvature=found.curvature,
-        status=f"{found.extremum} of {parameter} over the cycles near by, {found.status}; {cycle.status}",
+        status=f"{found.extremum} of {parameter} over the cycles near by, {found.status}; {cycle.status}".rstrip("."),
+        error=found.error + 2 * found.discretisation,
     )

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from hbbogie.branches.choice import METHODS, chosen_methods
 from hbbogie.branches.closed_form import exact_branch, exact_crossings, exact_walk
 from hbbogie.branches.collocated import branch_of, followed_from
 from hbbogie.branches.continuation import trace
@@ -32,6 +33,7 @@ from hbbogie.results.failure import ConvergenceError
 
 TRUTH = "mhb61"
 EXACT, COLLOCATION = "exact", "collocation"
+USUAL, CONVERGED = 15, "mhb63"  # highest harmonic of "mhb", and what "auto" is for a system that is not exact
 DEFAULT_METHODS = ("df1", "df2", "mhb3", "mhb15")
 
 
@@ -169,13 +171,13 @@ def method_named(name: str) -> HarmonicBalance | DescribingFunction:
     "exact", cycles in closed form, and "collocation" are none of these methods: they have no unknown harmonics; see
     `check_methods`.
     """
-    found = re.fullmatch(r"(df)([12])|(mhb)([0-9]+)", name.strip().casefold())
+    found = re.fullmatch(r"(df)([12])|(mhb)([0-9]*)", name.strip().casefold())
     if found is None or name.strip().casefold() == "mhb0":
         raise ModelError(
             f"unknown method {name!r}; write df1 or df2 (describing function of first or second order), mhb and the "
-            "highest harmonic, such as mhb15, exact, or collocation."
+            "highest harmonic, such as mhb15 (which mhb alone stands for), exact, collocation, or auto."
         )
-    return DescribingFunction(order=int(found[2])) if found[1] else HarmonicBalance(int(found[4]))
+    return DescribingFunction(order=int(found[2])) if found[1] else HarmonicBalance(int(found[4] or USUAL))
 
 
 def check_methods(names: Iterable[str]) -> list[str]:
@@ -183,9 +185,17 @@ def check_methods(names: Iterable[str]) -> list[str]:
     given = several("methods, such as ['df1', 'mhb15']", names, str)
     chosen = list(dict.fromkeys(name.strip().casefold() for name in given))
     for name in chosen:
-        if name not in (EXACT, COLLOCATION):
+        if name not in METHODS:
             method_named(name)
     return chosen
+
+
+def _named(system: System, name: str) -> str:
+    """Return what the name of a method stands for with a system: "auto" is "exact" or "mhb63"."""
+    if name != "auto":
+        return name
+    first, *_ = chosen_methods("compare", system, name)
+    return CONVERGED if first == "mhb" else first
 
 
 def trace_by_method(system: System, name: str, hopf: SpecialPoint, interval: tuple[float, float]) -> TracedBranch:
@@ -233,9 +243,9 @@ def compare(
     system : System
     methods : sequence of str
         Names such as "df1" and "df2" (describing function of first, second order), "mhb15" (multi-harmonic balance with
-        its highest harmonic) and, for systems that are linear between switchings, "exact" (cycles in closed form; of
-        their motion the harmonics up to 61 are given), for smooth ones "collocation" (piecewise polynomials on a mesh
-        that adapts).
+        its highest harmonic; "mhb" is "mhb15") and, for systems that are linear between switchings, "exact" (cycles in
+        closed form), for smooth ones "collocation" (piecewise polynomials on a mesh that adapts). "auto" is "exact"
+        where that applies, else "mhb63".
     values : sequence of float, optional, unit of the parameter
         Where to compare; twelve values over the interval where left out.
     parameter : str, optional
@@ -258,8 +268,8 @@ def compare(
     """
     name = parameter or system.parameter_names[0]
     span = interval or default_reach(system, name)
-    (truth,) = check_methods([truth])
-    names = check_methods([*methods, truth])
+    (truth,) = (_named(system, name) for name in check_methods([truth]))
+    names = check_methods([_named(system, name) for name in [*check_methods(methods), truth]])
     hopf = hopf_points(system, name, span)
     if not hopf:
         raise ModelError(

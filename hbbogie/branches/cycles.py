@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.branches.census import Census
+from hbbogie.branches.census import EXACT, Census
+from hbbogie.branches.choice import chosen_methods, equations_of
 from hbbogie.branches.crossing import family_message
 from hbbogie.branches.judging import verified
-from hbbogie.branches.same import once_each, samples
+from hbbogie.branches.relaxation import solved
+from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import NEAR, settled_cycles
+from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
 from hbbogie.errors import ModelError, door, positive, whole
@@ -19,13 +22,18 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import Cycles, Orbit
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
 LATE = "the time limit was reached"
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
+WHY = {  # one method is taken, by its name
+    "exact": " Taken since the system is linear between switchings.",
+    "collocation": " Taken since neither shooting nor harmonics resolve the cycle.",
+}
+MOST = 63  # harmonics beyond which collocation is taken
 POLISHED = "multiple shooting"  # the method of cycles whose harmonics are then chosen
 
 
@@ -35,6 +43,7 @@ def find_cycles(
     *,
     parameter: str | None = None,
     interval: tuple[float, float] | None = None,
+    method: str = "auto",
     harmonics: int | str = "auto",
     tolerance: float = 1e-3,
     stability: bool = True,
@@ -60,15 +69,18 @@ def find_cycles(
     interval : (float, float), optional, unit of the parameter
         Where to look for Hopf points; by default twice the value (at least 1) to either side, within the
         parameter's bounds.
+    method : {"auto", "exact", "mhb", "collocation"}
+        How the cycles that are given are computed; the search is the same. "auto" gives them in closed form where the
+        system is linear between switchings; else polished by shooting, as harmonics where up to 63 meet the tolerance,
+        and by collocation where they do not. The status of each says which and why. "mhb" gives those of
+        multi-harmonic balance next to the ones found.
     harmonics : int or "auto"
-        Highest harmonic. "auto" gives a cycle polished by shooting with 15, 31, 63 or 127 harmonics, as the tolerance
-        takes, or as many as it has; one in closed form or by collocation is given as it is. With a number the cycles of
-        harmonic balance next to the polished ones are given.
+        Highest harmonic of "mhb". "auto" takes 15, 31, 63 or 127, the first that meets the tolerance. With a number
+        method "auto" is "mhb".
     tolerance : float
-        Largest error of the waveform, relative to the peak, that "auto" is content with. The frequency is that of the
-        polished cycle.
+        Largest error of the waveform, relative to the peak, with which harmonics are enough.
     stability : bool
-        Whether to compute Floquet multipliers and the verdict, and the error estimates by shooting.
+        Whether the cycles have their Floquet multipliers and the verdict.
     start : Orbit, Trajectory, mapping from name to value or sequence of float, optional
         A state: only the equilibrium near it, and the motion from it, are looked at.
     backwards : bool, optional
@@ -90,7 +102,8 @@ def find_cycles(
     Raises
     ------
     ModelError
-        For wrong names or values, or when the cycles at this value form a continuous family.
+        For wrong names or values, a method that does not apply to the system, or when the cycles at this value form a
+        continuous family.
     ConvergenceError
         When none of the cycles found is resolved by the number of harmonics asked for.
 
@@ -112,6 +125,7 @@ def find_cycles(
     tolerance = positive("tolerance", tolerance, "1")
     if harmonics != "auto":
         HarmonicBalance(int(harmonics)).check(system)
+    methods = chosen_methods("find_cycles", system, method, None if harmonics == "auto" else harmonics)
     name = system.parameter(name).name
     interval = check_interval(system, name, interval)
     with time_limit(limit):
@@ -132,10 +146,11 @@ def find_cycles(
             census.open.insert(0, undecided)
         elif not found and not late:
             census.say_none()
-        if harmonics == "auto":
-            judged = [_enough(o, tolerance) if o.method.startswith(POLISHED) else o for o in once_each(found)]
+        if len(methods) > 1:
+            judged = [_best(system, orbit, tolerance) for orbit in once_each(found)]
         else:
-            judged = _balanced(census, once_each(found), int(harmonics), stability)
+            orders = ORDERS if harmonics == "auto" else (int(harmonics),)
+            judged = _by(methods[0], census, once_each(found), orders, tolerance)
     judged = [o if stability else o.replace(stability=None) for o in judged]
     return Cycles(judged, [*late, *census.evidence], [*late, *census.open])
 
@@ -162,25 +177,43 @@ def _longer(census: Census) -> tuple[list[Orbit], str]:
     return [], ""
 
 
-def _balanced(census: Census, found: list[Orbit], H: int, stability: bool) -> list[Orbit]:
-    """Return the cycles of harmonic balance with harmonics up to H next to those found."""
-    system, kept, failed = census.system, [], None
-    equations = HarmonicBalance(H).equations(system)
+def _by(method: str, census: Census, found: list[Orbit], orders: tuple[int, ...], tolerance: float) -> list[Orbit]:
+    """Return the cycles of a method next to those found; of harmonic balance with the first order that is enough."""
+    kept, failed = list[Orbit](), None
     for orbit in found:
-        try:
-            near = solve(equations, orbit, method="newton")
-            if abs(near.omega / orbit.omega - 1) > NEAR:
-                raise ConvergenceError(f"they lead to another period, {near.period:.6g} s", orbit=near)
-            kept.append(_judged(system, near) if stability else near)
-        except ConvergenceError as error:
-            failed = (
-                f"{equations.method} do not resolve the cycle of period {orbit.period:.6g} s "
-                f"(ask for more with harmonics=...): {error}"
-            )
-            census.evidence.append(failed)
+        if method != "mhb" and orbit.method.startswith(method):
+            kept.append(orbit)
+            continue
+        for H in orders if method == "mhb" else orders[:1]:
+            try:
+                near = _near(method, census.system, orbit, H)
+            except FAILURES as error:
+                failed = f"{method} does not give the cycle of period {orbit.period:.6g} s{_hint(method, H)}: {error}"
+                continue
+            if orders[-1] == H or (near.errors or {}).get("waveform", np.inf) <= tolerance or method != "mhb":
+                kept.append(near)
+                break
+        else:
+            census.evidence.append(str(failed))
     if failed and not kept:
         raise ConvergenceError(failed, orbit=found[-1])
     return kept
+
+
+def _hint(method: str, H: int) -> str:
+    return f" with harmonics up to {H} (ask for more with harmonics=...)" if method == "mhb" else ""
+
+
+def _near(method: str, system: System, orbit: Orbit, H: int) -> Orbit:
+    """Return the cycle of a method next to one found, with error estimates and the verdict on itself."""
+    equations = equations_of(method, system, H)
+    near = solve(equations, orbit, method="newton") if isinstance(equations, Equations) else equations.solve(orbit)
+    if abs(near.omega / orbit.omega - 1) > NEAR:
+        raise ConvergenceError(f"it leads to another period, {near.period:.6g} s", orbit=near)
+    if method == "exact":
+        peaks = {c: EXACT * near.amplitude(c) for c in near.coordinates}
+        return near.replace(errors={"omega": EXACT * near.omega, "waveform": EXACT, **peaks})
+    return _judged(system, near) if method == "mhb" else near
 
 
 def _judged(system: System, orbit: Orbit) -> Orbit:
@@ -188,23 +221,27 @@ def _judged(system: System, orbit: Orbit) -> Orbit:
     return verified(system, orbit)[0].replace(stability=floquet(system, orbit))
 
 
-def _enough(orbit: Orbit, tolerance: float) -> Orbit:
-    """Return a polished cycle with as many harmonics as the tolerance takes."""
-    peaks = np.abs(samples(orbit)).max(axis=0)
-    size = np.maximum(peaks, np.finfo(float).tiny)
-    moving = size > 1e-12 * size.max()
+def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
+    """Return a cycle found, polished by shooting, with as many harmonics as the tolerance takes, or by collocation."""
+    if not orbit.method.startswith(POLISHED):
+        why = next((text for name, text in WHY.items() if orbit.method.startswith(name)), "")
+        return orbit.replace(status=f"{orbit.status.rstrip('.')}.{why}")
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
-    for H in (*ORDERS, orbit.H):
-        if H >= orbit.H:
-            cut, error = orbit, max(orbit.tail, (orbit.errors or {})["waveform"])
-            break
-        left = float((waves[H:].sum(axis=0) / size)[moving].max())  # no less than the largest distance
-        cut, error = orbit.replace(coefficients=fourier.resize(orbit.coefficients, H)), left
-        if error <= tolerance:
-            break
-    errors = {**(orbit.errors or {}), "waveform": error}
-    if cut is not orbit:
-        errors |= {c: abs(cut.amplitude(c) - peak) for c, peak in zip(orbit.coordinates, peaks, strict=True)}
+    size = np.maximum(np.abs(orbit.extremes).max(axis=0), np.finfo(float).tiny)
+    moving = size > 1e-12 * size.max()
+
+    def left(H: int) -> float:  # no less than the largest distance
+        return float((waves[H:].sum(axis=0) / size)[moving].max())
+
+    H = next((H for H in ORDERS if H >= orbit.H or left(H) <= tolerance), orbit.H)
+    error = left(H) if orbit.H > H else max(orbit.tail, (orbit.errors or {})["waveform"])
+    if H > MOST and (cycle := solved(system, from_orbit(system, orbit))) is not None:
+        why = f"Taken since {MOST} harmonics leave an error of {left(MOST):.1e}, more than {tolerance:.0e}."
+        return cycle.orbit().replace(status=f"{cycle.status} {why}")
+    errors, cut = {**(orbit.errors or {}), "waveform": error}, orbit
+    if orbit.H > H:
+        cut = orbit.replace(coefficients=fourier.resize(orbit.coefficients, H))
+        errors |= {c: abs(cut.amplitude(c) - orbit.amplitude(c)) for c in orbit.coordinates}
     enough = "meets" if error <= tolerance else "misses"
     return cut.replace(
         errors=errors,

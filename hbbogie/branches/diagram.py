@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from hbbogie.branches.choice import chosen_methods, equations_of
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, is_family
 from hbbogie.branches.cycles import ORDERS, find_cycles
@@ -15,9 +17,11 @@ from hbbogie.branches.judging import estimate, stability_of
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import settled_cycles
 from hbbogie.brief import brief
+from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
+from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
@@ -29,6 +33,7 @@ from hbbogie.results.failure import FAILURES
 
 MAX_POINTS = 600  # of a branch; the family of a conservative system has no end
 RESOLVED = 1e-3  # tail of the spectrum up to which a cycle of a family is shown
+BESIDE = 0.01  # distance from a branch, relative to its largest values, up to which a cycle is on it
 LARGEST = 10.0  # peak up to which a family is shown, in units of the amplitude scale
 
 
@@ -68,6 +73,7 @@ def bifurcation_diagram(
     parameter: str,
     interval: tuple[float, float],
     *,
+    method: str = "mhb",
     harmonics: int | str = "auto",
     tolerance: float = 1e-3,
     stability: bool = True,
@@ -80,9 +86,13 @@ def bifurcation_diagram(
     system : System
     parameter : str
     interval : (float, float), unit of the parameter
+    method : {"mhb", "auto", "exact", "collocation"}
+        "exact" follows the branches in closed form and "collocation" as piecewise polynomials. They do not follow what
+        begins at special points, nor families of conservative systems. "auto" is "exact" where the system is linear
+        between switchings, else "mhb".
     harmonics : int or "auto"
-        Highest harmonic. "auto" begins with 15 and doubles, up to 127, until the error estimate by shooting of the
-        least resolved cycle on every branch meets the tolerance; the notes say what it took.
+        Highest harmonic of "mhb". "auto" begins with 15 and doubles, up to 127, until the error estimate by shooting of
+        the least resolved cycle on every branch meets the tolerance; the notes say what it took.
     tolerance : float
         Largest error of frequency and waveform, relative, that "auto" is content with.
     stability : bool
@@ -94,12 +104,16 @@ def bifurcation_diagram(
     Raises
     ------
     ModelError
-        For an unknown parameter or an empty interval. What cannot be computed is said in the notes.
+        For an unknown parameter or an empty interval, or a method that does not apply. What cannot be computed is said
+        in the notes.
     """
     interval = check_interval(system, parameter, interval)
+    method = chosen_methods("bifurcation_diagram", system, method, None if harmonics == "auto" else harmonics)[0]
     progress("looking for Hopf points", None)
     hopf = hopf_points(system, parameter, interval)
     about = _About(system, parameter, interval, hopf, progress)
+    if method != "mhb":
+        return about.by(method, stability)
     cycles: list[Orbit] | None = None
     for H in ORDERS if harmonics == "auto" else (int(harmonics),):
         notes: list[str] = []
@@ -135,7 +149,37 @@ class _About:
     hopf: list[SpecialPoint]
     progress: Progress
 
-    def one(self, equations: Equations, start: Orbit | SpecialPoint, stability: bool, notes: list[str]) -> list[Branch]:
+    def by(self, method: str, stability: bool) -> Diagram:
+        """Return the branches in closed form, or by collocation."""
+        notes = [f"The branches are followed by the method {method!r}."]
+        equations = equations_of(method, self.system)
+        branches = [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
+        cycles = list[Orbit]()
+        try:
+            cycles = find_cycles(self.system, parameter=self.parameter, method=method, stability=stability)
+        except FAILURES as error:
+            notes.append(f"Cycles at {self.parameter} = {self.system.values[self.parameter]:g}: {error}")
+        inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
+        for cycle in cycles if inside else ():
+            if not any(_near(branch, cycle) for branch in branches):
+                branches += self.one(equations, cycle, stability, notes)
+        return Diagram(
+            self.parameter,
+            self.interval,
+            self.hopf,
+            _named("branch", branches),
+            {},
+            cycles,
+            tuple(dict.fromkeys(notes)),
+        )
+
+    def one(
+        self,
+        equations: Equations | ExactEquations | CollocationEquations,
+        start: Orbit | SpecialPoint,
+        stability: bool,
+        notes: list[str],
+    ) -> list[Branch]:
         """Return the branch from a start, or none and a note why."""
 
         def say(value: float) -> None:
@@ -213,6 +257,20 @@ def _passes(equations: Equations, branch: Branch, cycle: Orbit) -> bool:
     except ModelError:
         return True  # a family: it holds cycles of every amplitude
     return len(once_each([*on_branch, cycle])) == len(on_branch)
+
+
+def _near(branch: Branch, cycle: Orbit) -> bool:
+    """Tell whether a branch passes a cycle: at its value in frequency and peaks, on straight lines between points."""
+    value = cycle.parameters[branch.parameter]
+    rows = np.column_stack([branch.omega, *(branch.amplitude(c) for c in cycle.coordinates)])
+    mark = np.array([cycle.omega, *(cycle.amplitude(c) for c in cycle.coordinates)])
+    size = np.maximum(np.abs(rows).max(axis=0), np.finfo(float).tiny)
+    for (a, b), (x, y) in zip(pairwise(branch.values), pairwise(rows), strict=True):
+        if min(a, b) <= value <= max(a, b):
+            share = (value - a) / (b - a) if b != a else 0.0
+            if (np.abs(x + share * (y - x) - mark) <= BESIDE * size + 0.5 * np.abs(y - x)).all():
+                return True
+    return False
 
 
 def _holds_family(

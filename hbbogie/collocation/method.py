@@ -11,7 +11,7 @@ from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.starting import Sampled, from_orbit
-from hbbogie.errors import ModelError, positive
+from hbbogie.errors import ModelError, of_kind, positive
 from hbbogie.model.system import System
 from hbbogie.results.orbit import Orbit
 from hbbogie.stability.variation import check_orbit
@@ -65,6 +65,7 @@ class Collocation:
         ModelError
             When an element is piecewise linear.
         """
+        of_kind("Collocation().equations: system", system, System)
         Rates(system)
         return CollocationEquations(system, self)
 
@@ -107,8 +108,9 @@ class CollocationEquations:
         ConvergenceError
             When there is none.
         ModelError
-            For wrong names or values, or an orbit of another system.
+            For wrong names or values, an orbit of another system, or a guess of another kind.
         """
+        of_kind("Collocation().equations(system): guess", guess, (Orbit, Sampled, CollocatedCycle))
         system, chosen = self.system.with_parameters(**values), self.collocation
         if isinstance(guess, Orbit):
             check_orbit(system, guess)

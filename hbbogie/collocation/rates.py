@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, of_kind
 from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
@@ -28,6 +28,7 @@ class Rates:
     """
 
     def __init__(self, system: System, parameter: str | None = None):
+        of_kind("Rates: system", system, System)
         kinked = [e.name for e in system.elements if e.ramps is not None]
         if kinked:
             raise ModelError(

@@ -14,7 +14,7 @@ from hbbogie.collocation.mesh import equidistributed
 from hbbogie.collocation.multipliers import Spectrum, spectrum_of, stability_of
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.starting import Sampled
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
 from hbbogie.polynomials import evaluated
@@ -39,6 +39,15 @@ class Guess(Protocol):
 
     def on(self, N: int, degree: int) -> CollocatedCycle:
         """Return the guess on a mesh of N intervals of some degree."""
+
+
+def check_guess(system: System, guess: Guess) -> None:
+    """Raise `ModelError` where a guess has other parameters than the system, as that of another one has."""
+    if set(guess.parameters) != set(system.parameter_names):
+        raise ModelError(
+            f"the guess has the parameters {', '.join(guess.parameters) or '(none)'}, and the system {system.name!r} "
+            f"has {', '.join(system.parameter_names) or '(none)'}; give a guess that was made with this system."
+        )
 
 
 def on_mesh(rates: Rates, guess: CollocatedCycle, width: float = 1.0) -> tuple[OnMesh, Array]:
@@ -150,6 +159,7 @@ def adapted(equations: OnMesh, u: Array, N: int) -> tuple[OnMesh, Array]:
     return equations.moved(equidistributed(equations.mesh, values / equations.size, N), equations.m, u)
 
 
+@door(system=System, guess=(Sampled, CollocatedCycle))
 def collocated(
     system: System,
     guess: Guess,
@@ -182,8 +192,12 @@ def collocated(
     ConvergenceError
         When there is no cycle near the guess, or too many intervals would be needed.
     ModelError
-        When the system is not smooth, or conserves a quantity.
+        When the system is not smooth, or conserves a quantity; for a guess of another system or kind, or numbers that
+        are not acceptable.
     """
+    degree, tolerance = whole("collocated: degree", degree, 2), positive("tolerance", tolerance, "1")
+    intervals = None if intervals is None else whole("collocated: intervals", intervals, 4)
+    check_guess(system, guess)
     rates, solved, before = Rates(system), None, None
     N, failure, estimate = intervals or FIRST, "", np.inf
     while max(MOST, intervals or 0) >= N:

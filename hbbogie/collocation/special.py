@@ -60,6 +60,12 @@ class Special:
         return judged(self.curve, self.point)
 
     @property
+    def discretisation(self) -> float:
+        """Estimated error of the value that the mesh makes, by a step at the next degree [unit of the parameter]."""
+        e = self.curve.equations
+        return errors_of(e, self.point.u, lifted(e, self.point.tangent))[0][3] * e.width
+
+    @property
     def gradient(self) -> dict[str, float]:
         """Of a fold: derivatives of its value in all other parameters, by their names (eq-fold-gradient)."""
         return fold_gradient(self.curve, self.point)

@@ -16,11 +16,13 @@ from hbbogie.brief import brief
 from hbbogie.collocation.cycle import CollocatedCycle, cycle_of
 from hbbogie.collocation.mesh import spread
 from hbbogie.collocation.rates import Rates
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door, told
+from hbbogie.model.conserved import state_names
 from hbbogie.model.system import System
 from hbbogie.polynomials import points_of
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
+from hbbogie.stability.variation import check_orbit
 
 Array = NDArray[np.float64]
 CHUNK, CHUNKS = 400, 15  # steps between two looks at a motion, and looks
@@ -76,8 +78,18 @@ class Sampled:
         return replace(self, system=system, states=lambda s: sign * self.states(1 - s), samples=1 - self.samples[::-1])
 
 
+@door(system=System, orbit=Orbit)
 def from_orbit(system: System, orbit: Orbit) -> Sampled:
-    """Return an orbit as a guess, at its parameter values."""
+    """Return an orbit as a guess, at its parameter values.
+
+    Raises
+    ------
+    ModelError
+        When it is an equilibrium, or an orbit of another system.
+    """
+    check_orbit(system, orbit)
+    if not orbit.H:
+        raise ModelError("from_orbit: the orbit is an equilibrium; give a cycle.")
     second = list(system.second_order)
 
     def states(s: Array) -> Array:
@@ -88,6 +100,22 @@ def from_orbit(system: System, orbit: Orbit) -> Sampled:
     return Sampled(system, states, samples, orbit.period, dict(orbit.parameters))
 
 
+def _state(system: System, x: ArrayLike) -> Array:
+    """Return a state as an array; raise `ModelError` unless it has as many finite numbers as the system has states."""
+    names = state_names(system)
+    wanted = f"give {len(names)} finite numbers, those of {', '.join(names)}"
+    try:
+        state = np.asarray(x, dtype=float)
+    except (TypeError, ValueError):
+        raise ModelError(f"from_motion: got {told(x)} as the state of system {system.name!r}; {wanted}.") from None
+    fits = state.shape == (len(names),)
+    if not (fits and np.isfinite(state).all()):
+        shown = f"[{', '.join(map(str, state))}]" if fits else f"an array of shape {state.shape}"
+        raise ModelError(f"from_motion: got {shown} as the state of system {system.name!r}; {wanted}.")
+    return state
+
+
+@door(system=System)
 def from_motion(system: System, x: ArrayLike) -> Sampled:
     """Follow a motion until it repeats itself, by an integrator that copes with stiff systems; return its last period.
 
@@ -102,10 +130,10 @@ def from_motion(system: System, x: ArrayLike) -> Sampled:
     ------
     ConvergenceError
         When it comes to rest, grows without limit, or does not repeat itself.
+    ModelError
+        When the system is not smooth, or the state is not one of it.
     """
-    p, rates, x = system.vector(), Rates(system), np.asarray(x, dtype=float)
-    if x.shape != (system.n_states,):
-        raise ModelError(f"system {system.name!r}: the state has shape {x.shape}; give {system.n_states} numbers.")
+    p, rates, x = system.vector(), Rates(system), _state(system, x)
     size = np.maximum(np.abs(x), 1e-6 * max(float(np.abs(x).max()), 1e-300))
 
     run = LSODA(

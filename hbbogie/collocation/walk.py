@@ -15,8 +15,11 @@ from hbbogie.collocation.adaption import adapted_to, curve_at, error_at, refined
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.rates import Rates
-from hbbogie.collocation.solving import FIRST, MOST, Guess, on_mesh
+from hbbogie.collocation.solving import FIRST, MOST, Guess, check_guess, on_mesh
 from hbbogie.collocation.special import KINDS, Special, judged, special_between, turning
+from hbbogie.collocation.starting import Sampled
+from hbbogie.errors import ModelError, door, pair
+from hbbogie.model.ranges import check_interval, check_start
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.arclength import correct, gap, located, walk
@@ -98,6 +101,7 @@ class Followed:
             first += len(stretch.points) - 1
 
 
+@door(guess=(Sampled, CollocatedCycle), rates=Rates)
 def follow(
     guess: Guess,
     rates: Rates,
@@ -138,8 +142,14 @@ def follow(
     ConvergenceError
         When no cycle is found near the guess.
     ModelError
-        When the system is not smooth, or conserves a quantity.
+        When the system is not smooth, or conserves a quantity; for a reversed interval, or a guess outside it or
+        of another kind.
     """
+    if rates.parameter is None:
+        raise ModelError("follow: the rates know no parameter to vary; give Rates(system, parameter), with its name.")
+    check_guess(rates.system, guess)
+    interval = check_interval(rates.system, rates.parameter, pair(f"interval of {rates.parameter!r}", interval))
+    check_start(rates.parameter, guess.parameters[rates.parameter], interval)
     curve, first = _first(guess, rates, interval, degree, tolerance, grows)
     options = {"step": step, "longest": longest, "most": most, "progress": progress}
     ahead, end = _walk(curve, first, tolerance, **options)  # type: ignore[arg-type]

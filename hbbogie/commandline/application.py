@@ -54,6 +54,10 @@ MaybeOutput = Annotated[
 Harmonics = Annotated[
     int | None, typer.Option(min=1, help="Highest harmonic; by default as high as the error estimate asks for.")
 ]
+Method = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="exact, mhb (harmonic balance), collocation or auto, the one that fits."),
+]
 Limit = Annotated[
     float | None,
     typer.Option(

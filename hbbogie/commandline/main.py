@@ -17,6 +17,7 @@ from hbbogie.commandline.application import (
     Interval,
     Limit,
     MaybeOutput,
+    Method,
     Output,
     Overrides,
     ParameterName,
@@ -45,6 +46,7 @@ def run(
     figures: Annotated[
         str | None, typer.Option(metavar="paper", help="Draw the figures of the problem's paper instead.")
     ] = None,
+    method: Method = None,
     limit: Limit = None,
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -54,18 +56,25 @@ def run(
 
     if figures not in (None, "paper"):
         raise ModelError(f"--figures {figures!r}: the one choice is paper; leave the option out for the whole job.")
-    do(name, overrides, output, as_json, run_of if figures is None else figures_of_paper, limit)
+    if figures and method:
+        raise ModelError(
+            "--method does not go with --figures paper, which takes the methods of the paper; leave one out."
+        )
+    job = figures_of_paper if figures else functools.partial(run_of, method=method)
+    do(name, overrides, output, as_json, job, limit)
 
 
 @command(
     "hbbogie branch yang1995",
     "hbbogie branch yang1995 --range 80 120 --harmonics 31",
     "hbbogie branch yang1995 --parameter K1 --range 1e6 6e6 --set V=100",
+    "hbbogie branch yang1995 --method exact",
 )
 def branch(
     name: Problem,
     parameter: ParameterName = None,
     interval: Interval = None,
+    method: Method = None,
     harmonics: Harmonics = None,
     stability: Annotated[
         bool,
@@ -94,6 +103,7 @@ def branch(
             system,
             parameter,
             limits,
+            method=method or "mhb",
             harmonics=harmonics or "auto",
             stability=stability,
             progress=progress,
@@ -107,11 +117,13 @@ def branch(
     "hbbogie cycles yang1995 --set V=90",
     "hbbogie cycles van_der_pol --set mu=5 --harmonics 51 --json",
     "hbbogie cycles yang1995 --hill",
+    "hbbogie cycles van_der_pol --set mu=100 --method collocation",
 )
 def cycles(
     name: Problem,
     overrides: Overrides = None,
     parameter: ParameterName = None,
+    method: Method = None,
     harmonics: Harmonics = None,
     hill: Annotated[
         bool, typer.Option("--hill", help="Put the multipliers by Hill's method beside the integrated ones.")
@@ -134,7 +146,14 @@ def cycles(
         check_directory(output)
     with progress_shown() as progress:
         progress("looking for cycles", None)
-        cycles = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics or "auto", limit=limit)
+        cycles = find_cycles(
+            system,
+            parameter=parameter,
+            interval=interval,
+            method=method or "auto",
+            harmonics=harmonics or "auto",
+            limit=limit,
+        )
         found = report_of_cycles(system, parameter, cycles, hill=hill)
         files = [] if output is None else written(found, output, progress)
     deliver(found, files, as_json)

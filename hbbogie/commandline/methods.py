@@ -13,6 +13,7 @@ from hbbogie.commandline.application import (
     Harmonics,
     Interval,
     Limit,
+    Method,
     Output,
     Overrides,
     ParameterName,
@@ -31,7 +32,9 @@ def compare(
     name: Problem,
     methods: Annotated[
         str | None,
-        typer.Option(metavar="LIST", help="Methods, by commas: df1, df2, mhb with a harmonic, exact, collocation."),
+        typer.Option(
+            metavar="LIST", help="Methods, by commas: df1, df2, mhb and a harmonic, exact, collocation, auto."
+        ),
     ] = None,
     values: Annotated[
         str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
@@ -89,6 +92,7 @@ def critical(
     name: Problem,
     parameter: ParameterName = None,
     interval: Interval = None,
+    method: Method = None,
     limit: Limit = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
@@ -97,7 +101,7 @@ def critical(
     """Find the critical values of a parameter, Hopf points and folds, with their gradients."""
     from hbbogie.reports.critical import critical_of
 
-    job = functools.partial(critical_of, parameter=parameter, interval=interval)
+    job = functools.partial(critical_of, parameter=parameter, interval=interval, method=method or "auto")
     do(name, overrides, output, as_json, job, limit)
 
 
@@ -114,6 +118,7 @@ def chart(
     ],
     parameter: ParameterName = None,
     interval: Interval = None,
+    method: Method = None,
     harmonics: Harmonics = 15,
     secondary: Annotated[
         bool,
@@ -128,6 +133,7 @@ def chart(
 
     second, low, high = over
     options = {"parameter": parameter, "span": interval, "harmonics": harmonics, "secondary": secondary}
+    options["method"] = method or "auto"
     job = functools.partial(chart_of, over=second, interval=(low, high), **options)  # type: ignore[arg-type]
     do(name, overrides, output, as_json, job)
 

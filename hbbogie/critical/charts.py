@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.choice import chosen_methods
 from hbbogie.branches.continuation import trace
 from hbbogie.critical.fold_curve import FoldCurve
 from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane, unresolved
@@ -46,6 +47,7 @@ def chart(
     interval: tuple[float, float] | None = None,
     *,
     span: tuple[float, float] | None = None,
+    method: str = "auto",
     harmonics: int = 15,
     secondary: bool = False,
     longest: float = 0.1,
@@ -66,6 +68,8 @@ def chart(
         Twice the parameter's value (at least 1) to either side, within its bounds, where left out.
     span : (float, float), optional, unit of the first parameter
         Where critical values are looked for; likewise.
+    method : {"auto", "mhb"}
+        Curves over two parameters are followed by multi-harmonic balance.
     harmonics : int
         Highest harmonic of the cycles.
     secondary : bool
@@ -94,6 +98,11 @@ def chart(
     system = system.with_parameters(**values)
     if parameter == over:
         raise ModelError(f"chart: both parameters are {parameter!r}; give two different ones.")
+    if "mhb" not in chosen_methods("chart", system, method, harmonics if method == "auto" else None):
+        raise ModelError(
+            f'chart: method={method!r} follows no curve over two parameters; take method="mhb" with more harmonics, or '
+            "critical_speeds, for many designs critical_speeds_of, at values of the second parameter."
+        )
     whole("chart: harmonics", harmonics)
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
+from hbbogie.branches.choice import chosen_methods
+from hbbogie.branches.closed_form import exact_critical, exact_walk
+from hbbogie.branches.collocated import collocated_critical, followed_from
 from hbbogie.branches.crossing import extent, from_hopf
 from hbbogie.branches.resolution import doubt_at_fold
+from hbbogie.collocation.method import Collocation
 from hbbogie.critical.folds import fold
 from hbbogie.critical.harmonic_error import with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
@@ -20,10 +26,13 @@ from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical, Criticals
+from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES, ConvergenceError
 
 BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 SAME = 1e-7  # relative distance in value and frequency below which two points are one
+HARMONICS = 21  # highest harmonic of a fold by harmonic balance, where none is given
+BY = {"exact": "in closed form", "mhb": "by harmonic balance", "collocation": "by collocation"}
 ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in turn
 RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
@@ -34,15 +43,17 @@ def critical_speeds(
     parameter: str = "V",
     interval: tuple[float, float] | None = None,
     *,
-    harmonics: int = 21,
+    method: str = "auto",
+    harmonics: int | None = None,
     start: Start | None = None,
     limit: float | None = None,
     **values: float,
 ) -> Criticals:
     """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
 
-    Each branch is followed from its Hopf point to where it leaves the interval or ends, with 9 harmonics; with more
-    where these do not resolve its cycles or lose it. Each fold is then solved for with all harmonics.
+    Each branch is followed from its Hopf point to where it leaves the interval or ends. In closed form, and by
+    collocation, its folds are those of the cycles themselves. By harmonic balance it is followed with 9 harmonics, with
+    more where these do not resolve its cycles or lose it, and each fold is then solved for with all harmonics.
 
     Parameters
     ----------
@@ -50,8 +61,12 @@ def critical_speeds(
     parameter : str
     interval : (float, float), optional, unit of the parameter
         Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out.
-    harmonics : int
-        Highest harmonic of the folds.
+    method : {"auto", "exact", "mhb", "collocation"}
+        "auto" follows a branch in closed form where the system is linear between switchings, else by multi-harmonic
+        balance, and by collocation where the system is smooth and harmonics do not resolve the branch or a fold of it.
+        The ``evidence`` and the status of each fold say by which it was.
+    harmonics : int, optional
+        Highest harmonic of the folds, 21 where left out; where it is given, "auto" is "mhb".
     start : Orbit, Trajectory, mapping from name to value or sequence of float, optional
         A state: only Hopf points of the equilibrium near it, and their branches, are looked at.
     limit : float, optional, s
@@ -62,25 +77,28 @@ def critical_speeds(
     Returns
     -------
     Criticals : list of Critical
-        In increasing order of the value. The error of a fold bounds what the harmonics left out change. The list
-        carries ``evidence``: how far each branch was followed; and ``undecided``: what was not followed to its end.
+        In increasing order of the value. The error of a fold bounds what harmonics left out, or the mesh, change. The
+        list carries ``evidence``: how far each branch was followed; ``undecided``: what was not followed to its end.
         Folds on branches that reach no Hopf point in the interval, or up to half of it beyond its ends, are not among
         them.
 
     Raises
     ------
     ModelError
-        For wrong names or values.
+        For wrong names or values, and for a method that does not apply to the system.
     """
     system = system.with_parameters(**values)
     if harmonics == 0:
         raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
+    methods = chosen_methods("critical_speeds", system, method, harmonics)
+    harmonics = HARMONICS if harmonics is None else harmonics
+    HarmonicBalance(harmonics).check(system)
     lo, hi = check_interval(system, parameter, interval)
     # the branch of a fold inside may begin at a Hopf point beyond the end
     around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)
     span = check_interval(system, parameter, around)
     with time_limit(limit):
-        search = _Search(HarmonicBalance(harmonics).equations(system), harmonics, span)
+        search = _Search(system, methods, harmonics, span)
         points = hopf_points(system, parameter, span, start=start)
         search.undecided += points.undecided
         if not points:
@@ -91,34 +109,75 @@ def critical_speeds(
             search.follow(hopf)
         if time_is_over() and not search.undecided:
             search.undecided.append("the time limit was reached before all was searched")
-        inside = [
-            _with_doubt(system, with_error(system, c, harmonics)) if c.kind == "fold" else c
-            for c in search.found
-            if lo <= c.value <= hi
-        ]
+        inside = [search.certified(c) for c in search.found if lo <= c.value <= hi]
     return Criticals(sorted(inside, key=lambda c: c.value), search.evidence, search.undecided)
 
 
-def _with_doubt(system: System, fold: Critical) -> Critical:
-    """Return a fold whose status says so where its cycle is not resolved."""
-    doubt = doubt_at_fold(system, fold.orbit)
-    return replace(fold, status=f"{fold.status}; {doubt}") if doubt else fold
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """A branch by one method: what is said of it, its folds, and whether these are all it has in the interval."""
+
+    said: str
+    folds: list[Critical]
+    whole: bool
 
 
 @dataclass(eq=False)
 class _Search:
     """The search for folds along branches, and what it has found."""
 
-    equations: Equations
+    system: System
+    methods: tuple[str, ...]
     harmonics: int
     span: tuple[float, float]
     found: list[Critical] = field(default_factory=list)
     evidence: list[str] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
 
+    @cached_property
+    def equations(self) -> Equations:
+        """The equations of harmonic balance with which folds are solved for."""
+        return HarmonicBalance(self.harmonics).equations(self.system)
+
     def follow(self, hopf: SpecialPoint) -> None:
-        """Follow the branch from a Hopf point, with more harmonics where it takes them, and solve for its folds."""
+        """Follow the branch from a Hopf point by one method after another until one follows all of it."""
         name = f"the branch from the Hopf point at {hopf.parameter} = {hopf.value:.9g}"
+        ways = {"exact": self._in_closed_form, "mhb": self._by_harmonics, "collocation": self._by_collocation}
+        best: _Followed | None = None
+        for method in self.methods:
+            if best is not None and time_is_over():
+                break
+            try:
+                got = ways[method](hopf, name)
+            except FAILURES as error:
+                why = str(error).partition("\n")[0]
+                got = _Followed(f"{name} was not followed {BY[method]}: {why}", [], False)
+            self.evidence.append(got.said)
+            if best is None or got.whole or len(got.folds) > len(best.folds):
+                best = got
+            if got.whole:
+                break
+        assert best is not None
+        self.undecided += [] if best.whole else [best.said]
+        self.found += [c for c in best.folds if not any(coincide(c, other) for other in self.found)]
+
+    def _in_closed_form(self, hopf: SpecialPoint, name: str) -> _Followed:
+        walk = exact_walk(self.system, hopf, self.span)
+        lost = walk.marked("not located") + walk.marked("fold not located")
+        folds = [exact_critical(point) for point in walk.marked("fold")]
+        said = _extent(f"{name} was followed in closed form", [p.value for p in walk.points], walk.end)
+        said += "; the order of its contacts was lost on the way" if lost else ""
+        return _Followed(said, folds, walk.end.complete and not lost)
+
+    def _by_collocation(self, hopf: SpecialPoint, name: str) -> _Followed:
+        followed = followed_from(Collocation().equations(self.system), hopf, hopf.parameter, self.span)
+        folds = [collocated_critical(special) for special in followed.special(("fold",))]
+        values = [*map(float, followed.values), *(c.value for c in folds)]
+        said = _extent(f"{name} was followed by collocation", values, followed.ends[1])
+        return _Followed(said, folds, followed.ends[1].complete)
+
+    def _by_harmonics(self, hopf: SpecialPoint, name: str) -> _Followed:
+        """Follow the branch with more harmonics where it takes them, and solve for its folds."""
         orders = sorted({min(H, self.harmonics) for H in ORDERS})
         why, branches, folds, tail = "the time limit was reached", list[Branch](), list[Critical](), 0.0
         for H in orders:
@@ -138,21 +197,17 @@ class _Search:
             if all(map(_complete, branches)) and tail <= RESOLVED:
                 break
         if not branches:
-            said = f"{name} was not followed: {why}"
-            self.evidence.append(said)
-            self.undecided.append(said)
-            return
-        lost = f"; {H} harmonics do not resolve all its cycles, whose folds may be others" if tail > LOST else ""
-        for branch in branches:
-            said = f"{extent(name, branch)}{lost}"
-            self.evidence.append(said)
-            if lost or not _complete(branch):
-                self.undecided.append(said)
-        self.found += [c for c in folds if not any(coincide(c, other) for other in self.found)]
+            return _Followed(f"{name} was not followed: {why}", [], False)
+        said, lost = "; ".join(extent(name, branch) for branch in branches), tail > LOST
+        if lost:
+            said += f"; {H} harmonics do not resolve all its cycles, whose folds may be others"
+        whole = all(map(_complete, branches)) and not lost
+        if whole and "collocation" in self.methods and any(doubt_at_fold(self.system, c.orbit) for c in folds):
+            said, whole = f"{said}; {self.harmonics} harmonics do not resolve a fold of it", False
+        return _Followed(said, folds, whole)
 
     def _traced(self, hopf: SpecialPoint, H: int) -> list[Branch]:
-        equations = HarmonicBalance(H).equations(self.equations.system)
-        return from_hopf(equations, hopf, hopf.parameter, self.span)
+        return from_hopf(HarmonicBalance(H).equations(self.system), hopf, hopf.parameter, self.span)
 
     def _solved(self, special: SpecialPoint, last: bool) -> Critical:
         """Return a fold of a branch with its gradient; of the last attempt without one where that does not converge."""
@@ -173,6 +228,19 @@ class _Search:
             status=status,
             **shown,
         )
+
+    def certified(self, critical: Critical) -> Critical:
+        """Return a fold of harmonic balance with its error, and a status that says so where it is not resolved."""
+        if critical.kind != "fold" or critical.orbit.kept is None:
+            return critical
+        critical = with_error(self.system, critical, self.harmonics)
+        doubt = doubt_at_fold(self.system, critical.orbit)
+        return replace(critical, status=f"{critical.status}; {doubt}") if doubt else critical
+
+
+def _extent(name: str, values: Sequence[float], end: Ending) -> str:
+    """Return how far a branch was followed, a sentence."""
+    return f"{name} from {min(values):.6g} to {max(values):.6g}: {end}"
 
 
 def _complete(branch: Branch) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hbbogie.errors import of_kind
 from hbbogie.exact.model import SwitchedLinear, switched_linear
 from hbbogie.exact.points import Point
 from hbbogie.exact.starting import exact_cycle, orbit_of
@@ -37,6 +38,7 @@ class Exact:
         ModelError
             When the system is not linear between switchings.
         """
+        of_kind("Exact().equations: system", system, System)
         return ExactEquations(system, switched_linear(system))
 
 
@@ -56,6 +58,7 @@ class ExactEquations:
 
     def solve(self, guess: Orbit, **fixed: float) -> Orbit:
         """Return the cycle near a guess at given parameter values; see `hbbogie.solve`."""
+        of_kind("Exact().equations(system).solve: guess", guess, Orbit)
         system = self.system.with_parameters(**fixed)
         changed = [name for name, value in system.values.items() if guess.parameters.get(name, value) != value]
         parameter = changed[0] if changed else system.parameter_names[0]

@@ -192,13 +192,13 @@ def _build(system: System) -> SwitchedLinear:
     if not contacts:
         raise ModelError(
             f"system {system.name!r}: no element has a piecewise-linear law, so there is nothing that switches and "
-            "no cycle in closed form; use HarmonicBalance."
+            "no cycle in closed form; use HarmonicBalance (method 'mhb'), or Collocation where it is smooth."
         )
     bent = [e.name for e in system.elements if e.ramps is None]
     if bent:
         raise ModelError(
             f"system {system.name!r}: the law of {', '.join(bent)} is not piecewise linear, so the motion has no "
-            "closed form; give a law made of straight lines, such as Tabulated, or use HarmonicBalance."
+            "closed form; give a law of straight lines, such as Tabulated, or use HarmonicBalance (method 'mhb')."
         )
     q, v, lines, p, velocity, rates, _ = on_lines(system)
     x, ramps = state_of(system.dynamics, q, v), _ramps(contacts, p)
@@ -212,7 +212,7 @@ def _build(system: System) -> SwitchedLinear:
     if any(ca.which_depends(ca.vertcat(rates, depths), x, 2, False)):
         raise ModelError(
             f"system {system.name!r}: between the switchings of {', '.join(e.name for e in contacts)} the equations "
-            "are not linear in the coordinates, so the motion has no closed form; use HarmonicBalance."
+            "are not linear in the coordinates, so there is no closed form; use HarmonicBalance (method 'mhb')."
         )
     matrix, rows = (_extended(e, x) for e in (rates, depths))
     matrix = ca.vertcat(matrix, ca.SX.zeros(1, matrix.shape[1]))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, door
 from hbbogie.exact.batch import Fold
 from hbbogie.exact.closing import Closing, Frame
 from hbbogie.exact.model import SwitchedLinear, switched_linear
@@ -41,6 +41,7 @@ def frame_of(model: SwitchedLinear, states: Array, omega: float, p: Array, place
     return Frame(size[None], np.array([omega]), (rows[:, :-1] @ size[:-1])[None], np.array([abs(p[place]) or 1.0]))
 
 
+@door(system=System, hopf=SpecialPoint)
 def at_grazing(system: System, hopf: SpecialPoint) -> Point:
     """Return the first cycle of a Hopf point's branch: the linear cycle that just touches a surface.
 
@@ -101,6 +102,7 @@ def _sides_at(model: SwitchedLinear, x: Array, p: Array) -> tuple[Array, Array]:
     return sides, rows
 
 
+@door(system=System, orbit=Orbit, parameter=str)
 def exact_cycle(system: System, orbit: Orbit, parameter: str, *, free: bool = False) -> Point:
     """Return the exact cycle near an orbit of another method.
 

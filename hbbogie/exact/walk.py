@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie.brief import brief
 from hbbogie.deadline import time_is_over
+from hbbogie.errors import door, pair
 from hbbogie.exact.changes import across, beyond, rotated, sound
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of
@@ -55,6 +56,7 @@ class Walk:
         return [p for p in self.points if p.kind == kind]
 
 
+@door(first=Point)
 def follow(
     first: Point, window: tuple[float, float], *, step: float = 0.05, longest: float = 1.0, most: int = 400
 ) -> Walk:
@@ -69,7 +71,13 @@ def follow(
         First and longest step in the norm of the scaled unknowns; where these are larger than 1, relative to them.
     most : int
         Largest number of points.
+
+    Raises
+    ------
+    ModelError
+        When the window is no pair (low, high), or the point of another kind.
     """
+    window = pair("follow: window", window)
     points, before, here, length = [first], None, first, step
     while len(points) < most:
         if time_is_over():

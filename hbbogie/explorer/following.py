@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import crossings
+from hbbogie.branches.crossing import crossings, is_family
 from hbbogie.branches.cycles import find_cycles
-from hbbogie.branches.diagram import Diagram, bifurcation_diagram, is_family
+from hbbogie.branches.diagram import Diagram, bifurcation_diagram
 from hbbogie.branches.same import once_each
 from hbbogie.brief import brief
 from hbbogie.deadline import time_is_over, time_limit

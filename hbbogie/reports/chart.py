@@ -31,6 +31,7 @@ def chart_of(
     interval: tuple[float, float],
     parameter: str | None = None,
     span: tuple[float, float] | None = None,
+    method: str = "auto",
     harmonics: int = 15,
     secondary: bool = False,
 ) -> Report:
@@ -49,13 +50,15 @@ def chart_of(
     parameter : str, optional
         The parameter whose critical values are followed.
     span : (float, float), optional, unit of that parameter
+    method : str
+        As of `chart`.
     harmonics : int
         Highest harmonic of the cycles.
     secondary : bool
         Whether to look for folds also on branches from Hopf points of an unstable equilibrium.
     """
     name, _ = default_interval(module, system, parameter)
-    options = {"span": span, "harmonics": harmonics, "secondary": secondary, "progress": progress}
+    options = {"span": span, "method": method, "harmonics": harmonics, "secondary": secondary, "progress": progress}
     found = chart(system, name, over, interval, **options)  # type: ignore[arg-type]
     heads = label(name, system.parameter(name).unit), label(over, system.parameter(over).unit)
     tables = [_curves(found, heads)] + ([_special(found, heads)] if found.special else [])

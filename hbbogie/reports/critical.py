@@ -36,6 +36,7 @@ def critical_of(
     progress: Progress = silent,
     parameter: str | None = None,
     interval: tuple[float, float] | None = None,
+    method: str = "auto",
 ) -> Report:
     """Find the critical values of a problem's parameter with their gradients.
 
@@ -48,11 +49,13 @@ def critical_of(
         Called with (message, fraction done or None).
     parameter : str, optional
     interval : (float, float), optional, unit of the parameter
+    method : str
+        As of `critical_speeds`.
     """
     name, own = default_interval(module, system, parameter)
     span = interval or own
     progress(f"critical values of {name}", None)
-    searched = critical_speeds(system, name, span)
+    searched = critical_speeds(system, name, span, method=method)
     found = [_rounded(c, ZERO * (span[1] - span[0])) for c in searched]
     missing = [f"Not searched to its end: {sentence}." for sentence in searched.undecided]
     unit = system.parameter(name).unit
@@ -91,7 +94,7 @@ def _kind(c: Critical) -> str:
 
 def _values(system: System, found: list[Critical], unit: str) -> Table:
     """Return the critical values with what certifies them."""
-    columns = ["kind", label(found[0].parameter, unit), label("error from harmonics, at most", unit)]
+    columns = ["kind", label(found[0].parameter, unit), label("error, at most", unit)]
     columns += [
         "extremum",
         "omega [rad/s]",
@@ -104,7 +107,7 @@ def _values(system: System, found: list[Critical], unit: str) -> Table:
     if any(c.kind == "fold" for c in found):
         notes.append(
             "At a fold a second multiplier meets the trivial one at +1, with the root of the distance from the exact "
-            "fold: here the harmonics left out show."
+            "fold: here what harmonics or a mesh leave out shows."
         )
     rows = []
     for c in found:

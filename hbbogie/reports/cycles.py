@@ -30,7 +30,7 @@ from hbbogie.stability.hill_method import hill as hill_of
 from hbbogie.stability.multipliers import floquet
 
 
-def run_of(module: ModuleType, system: System, progress: Progress = silent) -> Report:
+def run_of(module: ModuleType, system: System, progress: Progress = silent, method: str | None = None) -> Report:
     """Do the job of a problem: its own where the module has a function ``study``, else the default one.
 
     Parameters
@@ -40,15 +40,22 @@ def run_of(module: ModuleType, system: System, progress: Progress = silent) -> R
     system : System
     progress : callable
         Called with (message, fraction done or None).
+    method : str, optional
+        By which the default job follows branches, as of `bifurcation_diagram`.
 
     Raises
     ------
     ModelError
-        When the module's ``study`` is no function or does not return a report.
+        When the module's ``study`` is no function or does not return a report, or chooses the method itself.
     """
     own = getattr(module, "study", None)
     if own is None:
-        return default_study(module, system, progress)
+        return default_study(module, system, progress, method or "mhb")
+    if method is not None:
+        raise ModelError(
+            f"--method {method}: the problem does its own job, which chooses the methods; leave the option out, or use "
+            "hbbogie branch, cycles or critical with it."
+        )
     where = f"problem {getattr(module, '__file__', None) or module.__name__!r}"
     if not callable(own):
         raise ModelError(f"{where}: study is of type {type(own).__name__}; it must be a function.")
@@ -86,7 +93,7 @@ def _own(module: ModuleType, name: str, what: str) -> Callable[..., Report]:
 # --- the default job --------------------------------------------------------------------------
 
 
-def default_study(module: ModuleType, system: System, progress: Progress = silent) -> Report:
+def default_study(module: ModuleType, system: System, progress: Progress = silent, method: str = "mhb") -> Report:
     """Find the cycles at the system's parameter values and the curves of cycles over the problem's range.
 
     Parameters
@@ -96,9 +103,11 @@ def default_study(module: ModuleType, system: System, progress: Progress = silen
     system : System
     progress : callable
         Called with (message, fraction done or None).
+    method : str
+        As of `bifurcation_diagram`.
     """
     parameter, interval = default_interval(module, system, None)
-    found = bifurcation_diagram(system, parameter, interval, progress=progress)
+    found = bifurcation_diagram(system, parameter, interval, method=method, progress=progress)
     report = report_of_diagram(system, found)
     if not found.cycles:
         return report

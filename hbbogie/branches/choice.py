@@ -1,0 +1,65 @@
+"""Which method computes cycles: one vocabulary for searches, branches, charts and the command line."""
+
+from __future__ import annotations
+
+from hbbogie.collocation.method import Collocation, CollocationEquations
+from hbbogie.errors import ModelError, named
+from hbbogie.exact.method import Exact, ExactEquations
+from hbbogie.exact.model import switched_linear
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.system import System
+
+METHODS = ("auto", "exact", "mhb", "collocation")
+
+
+def chosen_methods(where: str, system: System, method: str, harmonics: object = None) -> tuple[str, ...]:
+    """Return the methods that a name stands for, those to be tried first at the beginning.
+
+    Parameters
+    ----------
+    where : str
+        The function that was asked, for the message.
+    system : System
+    method : {"auto", "exact", "mhb", "collocation"}
+        "auto" is "exact" for a system that is linear between switchings. For any other it is "mhb", multi-harmonic
+        balance, and then "collocation" where the system is smooth.
+    harmonics : int, optional
+        Where they are given, "auto" is "mhb".
+
+    Raises
+    ------
+    ModelError
+        For another name, a method that does not apply to the system, or harmonics for a method that has none.
+    """
+    name = named(where, "method", method.strip().casefold() if isinstance(method, str) else method, METHODS)
+    if harmonics is not None and name in ("exact", "collocation"):
+        raise ModelError(
+            f'{where}: harmonics={harmonics!r} with method="{name}", which has none; leave one of the two out, or take '
+            'method="mhb".'
+        )
+    if name != "auto":
+        if name != "mhb":
+            equations_of(name, system)  # raises where it does not apply
+        return (name,)
+    if harmonics is not None:
+        return ("mhb",)
+    if all(element.ramps is None for element in system.elements):
+        return ("mhb", "collocation")
+    return ("exact", "mhb") if is_switched_linear(system) else ("mhb",)
+
+
+def is_switched_linear(system: System) -> bool:
+    """Tell whether a system is linear between the switchings of piecewise-linear laws."""
+    try:
+        switched_linear(system)
+    except ModelError:
+        return False
+    return True
+
+
+def equations_of(method: str, system: System, harmonics: int = 15) -> Equations | ExactEquations | CollocationEquations:
+    """Return the equations of cycles by a method: "exact", "mhb" or "collocation"."""
+    if method == "exact":
+        return Exact().equations(system)
+    return Collocation().equations(system) if method == "collocation" else HarmonicBalance(harmonics).equations(system)
