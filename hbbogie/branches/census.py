@@ -17,7 +17,7 @@ from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings
 from hbbogie.branches.relatives import relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
-from hbbogie.branches.same import alike, of_prime_period, signature
+from hbbogie.branches.same import alike, in_one_turn, of_prime_period, signature
 from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over
@@ -30,6 +30,7 @@ from hbbogie.methods.scales import amplitude_scale
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
+from hbbogie.model.turns import turns_of
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
@@ -178,7 +179,8 @@ class Census:
             elif met.kind == "running":
                 name, period = met.turns
                 self.running = (
-                    f"{name} goes on by a turn every {period:.6g} s: a running motion, which is no cycle here"
+                    f"{name} goes on by a turn every {period:.6g} s: a running motion, which is a cycle only where the "
+                    f'angle is declared as one, Coordinate("{name}", "rad", turn=2 * pi)'
                 )
                 return "run on"
             elif met.kind == "unbounded":
@@ -212,7 +214,8 @@ class Census:
                 )
             return False
         times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
-        if near and not alike(polished, orbit.replace(omega=times * orbit.omega), 0.05):
+        once = orbit.replace(omega=times * orbit.omega, advance=tuple(by / times for by in orbit.advance))
+        if near and not alike(polished, once, 0.05):
             return False
         self._keep(polished, origin)
         return True
@@ -256,9 +259,10 @@ class Census:
     def _checked(self, orbit: Orbit) -> Orbit:
         system = self.system
         checked = verify(system, orbit)
-        found = of_prime_period(checked.orbit)
+        found = of_prime_period(checked.orbit, turns_of(system.dynamics))
         if found is not checked.orbit:
             return self._checked(found)
+        found = in_one_turn(system, found)
         if not checked.isolated:
             size = np.abs(orbit.coefficients).sum(axis=0)
             states = np.append(size, orbit.omega * size[list(system.second_order)])
@@ -304,7 +308,7 @@ def _turned(orbit: Orbit) -> Orbit:
     """Return the motion backwards in time."""
     c = orbit.coefficients.copy()
     c[2::2] *= -1  # of the sines
-    return orbit.replace(coefficients=c)
+    return orbit.replace(coefficients=c, advance=tuple(-by for by in orbit.advance))
 
 
 def _before(equations: Equations, hopf: SpecialPoint, first: Orbit, value: float) -> list[Orbit]:

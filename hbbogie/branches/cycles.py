@@ -190,7 +190,7 @@ def _judged(system: System, orbit: Orbit) -> Orbit:
 def _enough(orbit: Orbit, tolerance: float) -> Orbit:
     """Return a polished cycle with as many harmonics as the tolerance takes."""
     peaks = np.abs(samples(orbit)).max(axis=0)
-    size = np.maximum(peaks, np.finfo(float).tiny)
+    size = np.maximum(np.maximum(peaks, np.abs(orbit.advance or 0.0)), np.finfo(float).tiny)
     moving = size > 1e-12 * size.max()
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
     for H in (*ORDERS, orbit.H):

@@ -92,7 +92,8 @@ def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array) -> Stability:
         rest = np.delete(values, [tiny[0], trivial])
         logarithm = spectrum.divergence - float(np.log(np.abs(rest)).sum())
         turns = np.count_nonzero((rest.imag == 0) & (rest.real < 0))  # their product is positive
-        values[tiny[0]] = (-1) ** turns * np.exp(logarithm)
+        with np.errstate(over="ignore"):
+            values[tiny[0]] = (-1) ** turns * np.exp(logarithm)
         told = f"; the smallest by Liouville's formula, its logarithm is {logarithm:.12g}"
     elif len(tiny):
         told = f"; of the {len(tiny)} below {ROUND_OFF:g} only the smallness is meant"
