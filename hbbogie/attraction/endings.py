@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.equilibria.linearisation import Linearisation
+from hbbogie.errors import ModelError
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.motion.integration import TOO_LARGE, runge_kutta_step
@@ -94,6 +95,16 @@ class Ends:
 # --- data at one place ------------------------------------------------------------------------
 
 
+def check_not_running(cycles: Sequence[Orbit]) -> None:
+    """Raise `ModelError` where a coordinate runs on in a cycle: motions are not compared with those."""
+    if running := [o for o in cycles if o.advance]:
+        raise ModelError(
+            f"system {running[0].system!r}: an angle runs on in the cycle of period {running[0].period:.6g} s, and "
+            "which motions come to such a cycle is not computed; follow motions with simulate, or take "
+            "find_cycles(start=...)."
+        )
+
+
 def states_of(system: System, orbit: Orbit, count: int = PHASES) -> Array:
     """Return the states along a cycle, the first and the last the same, shape (count + 1, n_states)."""
     t = orbit.period * np.arange(count + 1) / count
@@ -120,6 +131,7 @@ def place_of(system: System, parameter: str, cycles: Sequence[Orbit], others: Se
         If there is neither an equilibrium nor a cycle.
     """
     line, value = Linearisation(system, parameter), system.values[parameter]
+    check_not_running(cycles)
     stable = [o for o in cycles if o.stability is not None and o.stability.verdict == "stable"]
     samples = np.array([states_of(system, o) for o in stable]).reshape(len(stable), PHASES + 1, system.n_states)
     scale = _sizes(system, list(cycles) or list(others))

@@ -171,7 +171,8 @@ class Census:
             elif met.kind == "running":
                 name, period = met.turns
                 self.running = (
-                    f"{name} goes on by a turn every {period:.6g} s: a running motion, which is no cycle here"
+                    f"{name} goes on by a turn every {period:.6g} s: a running motion, which is a cycle only where the "
+                    f'angle is declared as one, Coordinate("{name}", "rad", turn=2 * pi)'
                 )
                 return "run on"
             elif met.kind == "unbounded":
@@ -208,7 +209,8 @@ class Census:
                 )
             return False
         times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
-        if near and not alike(polished, orbit.replace(omega=times * orbit.omega), 0.05):
+        once = orbit.replace(omega=times * orbit.omega, advance=tuple(by / times for by in orbit.advance))
+        if near and not alike(polished, once, 0.05):
             return False
         self._keep(polished, origin, on_branch=on_branch)
         return True
@@ -262,4 +264,4 @@ def _turned(orbit: Orbit) -> Orbit:
     """Return the motion backwards in time."""
     c = orbit.coefficients.copy()
     c[2::2] *= -1  # of the sines
-    return orbit.replace(coefficients=c)
+    return orbit.replace(coefficients=c, advance=tuple(-by for by in orbit.advance))

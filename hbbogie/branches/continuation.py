@@ -254,5 +254,8 @@ def _first_point(curve: CycleCurve, orbit: Orbit, equations: Equations, growing:
     p = equations.system.vector(**values, **{name: found.parameters[name]})
     y = np.append(equations.encode(found), p[place])
     first = point_at(curve, y, np.linalg.svd(curve.evaluate(y)[1])[2][-1])
-    grows = first.tangent[equations.leading if growing else -1]
+    grows = first.tangent[equations.leading if growing and not equations.advance else -1]
+    if growing and equations.advance:  # both waves of the first harmonic are unknowns
+        pair = slice(i := equations.cosines[equations.phase or 0], i + 2)
+        grows = y[pair] @ first.tangent[pair]
     return first if grows >= 0 else first.turned()

@@ -227,7 +227,8 @@ def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
         why = next((text for name, text in WHY.items() if orbit.method.startswith(name)), "")
         return orbit.replace(status=f"{orbit.status.rstrip('.')}.{why}")
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
-    size = np.maximum(np.abs(orbit.extremes).max(axis=0), np.finfo(float).tiny)
+    peaks = np.maximum(np.abs(orbit.extremes).max(axis=0), np.abs(orbit.advance or 0.0))
+    size = np.maximum(peaks, np.finfo(float).tiny)
     moving = size > 1e-12 * size.max()
 
     def left(H: int) -> float:  # no less than the largest distance

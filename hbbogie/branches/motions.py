@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
-from hbbogie.branches.same import BLOCKS, of_prime_period, signature
+from hbbogie.branches.same import BLOCKS, in_one_turn, of_prime_period, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.rest import angles_of
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
+from hbbogie.model.turns import changed, turns_of
 from hbbogie.motion.integration import initial_state, states_after
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
@@ -110,7 +111,7 @@ def cycle_after(system: System, start: Start) -> Orbit:
             f"the motion from the start {ends.get(kind, 'has not come back to itself')}: there is no cycle to begin "
             "with. What to try: another state, or a cycle of find_cycles."
         )
-    return of_prime_period(verify(system, orbit).orbit)
+    return of_prime_period(verify(system, orbit).orbit, turns_of(system.dynamics))
 
 
 def recurrences(system: System, x: Array, h: float, size: Array, known: list[Array]) -> Iterator[Recurrence]:
@@ -130,6 +131,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         Signatures of known cycles (see `signature`); may grow meanwhile.
     """
     p, elapsed = system.vector(), 0.0
+    turns = np.append(turns_of(system.dynamics), np.zeros(system.n_states - system.n))
     orbit: Orbit | None = None
     closest = RECURS
     for _ in range(CHUNKS):
@@ -152,21 +154,26 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         if calm and _near_equilibrium(system, x, p, size):
             yield Recurrence("rest", None, elapsed)
             return
-        if (turns := _running(system, states, h)) is not None:
-            yield Recurrence("running", None, elapsed, turns)
+        if not turns.any() and (running := _running(system, states, h)) is not None:
+            yield Recurrence("running", None, elapsed, running)
             return
-        found = _recurrence(states, spread)
+        spread = np.where(turns, np.minimum(spread, turns), spread)
+        found = _recurrence(states, spread, turns)
         if found is None:
             h *= 2
             continue
         back, gap = found
-        if back < 12:
+        advance = _whole(x - states[round(len(states) - 1 - back)], turns)[: system.n]
+        rounds = np.abs(advance / np.where(advance, turns[: system.n], 1.0)).max(initial=1.0)
+        if back < 12 * rounds:
             h /= 4
             continue
         if gap <= closest:
             closest = gap / CLOSER
-            orbit = _orbit(system, states, back, h, p)
-            width = np.tile(np.maximum(np.ptp(late[:, : system.n], axis=0), 1e-9 * size[: system.n]), BLOCKS)
+            if advance.any() and changed(system.dynamics, advance):  # angles that turn together have not
+                continue
+            orbit = _orbit(system, states, back, h, advance)
+            width = np.tile(np.maximum(spread[: system.n], 1e-9 * size[: system.n]), BLOCKS)
             if any(_alike(signature(orbit), other, width) for other in known):
                 yield Recurrence("known", orbit, elapsed)
                 return
@@ -211,9 +218,10 @@ def _running(system: System, states: Array, h: float) -> tuple[str, float] | Non
 
 def _alike(mark: Array, known: Array, width: Array) -> bool:
     """Tell whether a recurrence is near a known cycle, run through once or several times."""
-    times = known[0] / mark[0]
-    same_period = abs(times / max(1, round(times)) - 1) < LIKE
-    return bool(same_period and (np.abs(mark - known)[1:] < LIKE * width).all())
+    times, last = known[0] / mark[0], len(width) // BLOCKS
+    whole = max(1, round(times))
+    off = np.abs(np.append(mark[1:-last], mark[-last:] / whole) - known[1:])  # an angle advances each time
+    return bool(abs(times / whole - 1) < LIKE and (off < LIKE * width).all())
 
 
 def _near_equilibrium(system: System, x: Array, p: Array, size: Array) -> bool:
@@ -225,10 +233,19 @@ def _near_equilibrium(system: System, x: Array, p: Array, size: Array) -> bool:
     return bool((np.abs(step) <= NEAR * size).all())
 
 
-def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:
-    """Return after how many samples the end of a motion was met before, and how closely, relative to the ranges."""
+def _whole(difference: Array, turns: Array) -> Array:
+    """Return the whole turns nearest to a difference of states, shape and unit of the difference."""
+    return np.asarray(turns * np.round(difference / np.where(turns, turns, np.inf)) + 0.0)
+
+
+def _recurrence(states: Array, spread: Array, turns: Array) -> tuple[float, float] | None:
+    """Return after how many samples the end of a motion was met before, and how closely, relative to the ranges.
+
+    A state is met where angles are whole turns away, too.
+    """
     wide = np.where(spread > 1e-9 * spread.max(), spread, np.inf)
-    distance = np.sqrt((((states[::-1] - states[-1]) / wide) ** 2).sum(axis=1))
+    away_by = states[::-1] - states[-1]
+    distance = np.sqrt((((away_by - _whole(away_by, turns)) / wide) ** 2).sum(axis=1))
     away = np.flatnonzero(distance > 0.25)
     if not len(away):
         return None
@@ -236,29 +253,30 @@ def _recurrence(states: Array, spread: Array) -> tuple[float, float] | None:
     low = 1 + np.flatnonzero((d[1:-1] <= d[:-2]) & (d[1:-1] < d[2:]))
     if not len(low):
         return None
-    last, samples = len(states) - 1, states / wide
+    last = len(states) - 1
     lowest = np.sort(low[np.argsort(d[low])[:CANDIDATES]]) + int(away[0])
-    returns = [_closest(samples, last - k) for k in lowest]
+    shifts = (states[-1] + _whole(states[last - k] - states[-1], turns) for k in lowest)
+    returns = [_closest(states / wide, last - k, end / wide) for k, end in zip(lowest, shifts, strict=True)]
     near = max(2 * min(gap for _, gap in returns), ONE_RETURN)
     # the first return is a period, later ones are several
     place, gap = next(r for r in returns if r[1] <= near)
     return last - place, gap
 
 
-def _closest(samples: Array, k: int) -> tuple[float, float]:
+def _closest(samples: Array, k: int, end: Array) -> tuple[float, float]:
     """Return where between the samples around one of them the last one is met most closely, and how closely.
 
     The samples lie on a cubic: their distance is too long for a straight line where a motion is not smooth.
     """
     around = np.arange(max(0, k - AROUND), min(len(samples) - 1, k + AROUND) + 1)
     places = k + np.linspace(-1, 1, 2 * FINE + 1)
-    gaps = np.linalg.norm(CubicSpline(around, samples[around])(places) - samples[-1], axis=1)
+    gaps = np.linalg.norm(CubicSpline(around, samples[around])(places) - end, axis=1)
     closest = int(np.argmin(gaps))
     return float(places[closest]), float(gaps[closest])
 
 
-def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Orbit:
-    """Return the last period of sampled states as an orbit, made to close."""
+def _orbit(system: System, states: Array, back: float, h: float, advance: Array) -> Orbit:
+    """Return the last period of sampled states as an orbit, made to close but for its advance."""
     count = len(states) - 1
     first = max(0, int(count - back) - 3)
     spline = CubicSpline(np.arange(first, count + 1), states[first:, : system.n])
@@ -266,8 +284,9 @@ def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Or
     N = 8 * (H + 1)
     share = np.arange(N) / N
     q = spline(count - back + back * share)
-    q = q - (share - 0.5)[:, None] * (states[-1, : system.n] - spline(count - back))
-    return Orbit(
+    q = q - share[:, None] * advance
+    q = q - (share - 0.5)[:, None] * (states[-1, : system.n] - spline(count - back) - advance)
+    found = Orbit(
         system=system.name,
         coordinates=system.coordinate_names,
         naming=system.naming,
@@ -277,4 +296,6 @@ def _orbit(system: System, states: Array, back: float, h: float, p: Array) -> Or
         parameters=dict(system.values),
         method="integration",
         status="a recurrence of a simulated motion",
+        advance=tuple(advance.tolist()) if advance.any() else (),
     )
+    return in_one_turn(system, found)

@@ -8,11 +8,12 @@ import numpy as np
 
 from hbbogie.branches.crossing import family_message
 from hbbogie.branches.relaxation import solved
-from hbbogie.branches.same import of_prime_period
+from hbbogie.branches.same import in_one_turn, of_prime_period
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
+from hbbogie.model.turns import turns_of
 from hbbogie.results import Orbit
 from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
@@ -71,9 +72,10 @@ class Polishing:
     def _checked(self, orbit: Orbit) -> Orbit:
         system = self.system
         checked = verify(system, orbit)
-        found = of_prime_period(checked.orbit)
+        found = of_prime_period(checked.orbit, turns_of(system.dynamics))
         if found is not checked.orbit:
             return self._checked(found)
+        found = in_one_turn(system, found)
         if not checked.isolated:
             size = np.abs(orbit.coefficients).sum(axis=0)
             states = np.append(size, orbit.omega * size[list(system.second_order)])

@@ -24,6 +24,11 @@ def relatives(system: System, orbit: Orbit) -> Iterator[tuple[str, Orbit]]:
     """
     c, H = orbit.coefficients, orbit.H
     odd, even = fourier.rows_of(range(1, H + 1, 2)), fourier.rows_of(range(2, H + 1, 2))
+    if orbit.advance:
+        if system.odd or is_odd(system.dynamics, system.vector()):
+            mirrored = tuple(-by for by in orbit.advance)
+            yield "the mirror image", orbit.replace(coefficients=-c, advance=mirrored)
+        return
     sizes = [float(np.linalg.norm(c[rows])) for rows in (odd, even)]
     if H >= 2 and 0 < sizes[0] <= LESS * sizes[1]:
         twice = np.concatenate([c[:1], c[even]])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
+from hbbogie.model.turns import turns_of
 from hbbogie.results import Equilibria, Orbit
 from hbbogie.results.failure import ConvergenceError
 
@@ -78,7 +79,7 @@ def sizes(system: System, equilibria: list[Equilibrium], cycles: list[Orbit], am
     """Return the size of each state, shape (n_states,): of cycles, equilibria, bounds, else the amplitude scale."""
     n, second = system.n, list(system.second_order)
     declared = [max((abs(b) for b in c.bounds if np.isfinite(b)), default=0.0) for c in system.coordinates]
-    size = np.array(declared)
+    size = np.maximum(declared, 0.5 * turns_of(system.dynamics))
     for orbit in cycles:
         size = np.maximum(size, np.abs(orbit.coefficients).sum(axis=0))
     for e in equilibria:

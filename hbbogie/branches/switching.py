@@ -35,7 +35,9 @@ def doubled(system: System, orbit: Orbit) -> Orbit:
     for part in (0, 1):  # harmonic h of the frequency is harmonic 2 h of its half
         coefficients[4 * h - 1 + part] = orbit.coefficients[2 * h - 1 + part]
     method = "next to a period doubling"
-    return orbit.replace(coefficients=coefficients + _sized(mode, orbit), omega=orbit.omega / 2, method=method)
+    advance = tuple(2 * by for by in orbit.advance)
+    coefficients += _sized(mode, orbit)
+    return orbit.replace(coefficients=coefficients, omega=orbit.omega / 2, method=method, advance=advance)
 
 
 def _sized(mode: Array, orbit: Orbit) -> Array:

@@ -129,5 +129,10 @@ def homoclinic(system: System, equations: OnMesh, u: Array) -> str:
     x = resting_place(system, values[:, 0], equations.parameters(u), equations.size)
     if x is None:
         return ""
-    far = np.abs((values[:, 1:] - x) / equations.size).max(axis=2)
+    off = values[:, 1:] - x
+    if equations.advance:  # a turn away it is the same equilibrium
+        turns = np.append(equations.advance, np.zeros(len(x) - system.n))
+        off -= turns * np.round(off / np.where(turns, turns, np.inf))
+        x = x - turns * np.round(x / np.where(turns, turns, np.inf))
+    far = np.abs(off / equations.size).max(axis=2)
     return at_rest(system, x) if float(equations.measure[far <= NEAR].sum()) >= RESTING else ""

@@ -48,6 +48,8 @@ class CollocatedCycle:
     status : str
         How it was computed, a sentence.
     naming : Naming
+    advance : tuple of float, unit of the coordinate
+        By how much each coordinate has grown after a period; empty where none runs on.
     """
 
     system: str
@@ -64,6 +66,7 @@ class CollocatedCycle:
     stability: Stability | None = None
     status: str = ""
     naming: Naming = NAMELESS
+    advance: tuple[float, ...] = ()
 
     __repr__ = brief
 
@@ -95,14 +98,21 @@ class CollocatedCycle:
 
     @cached_property
     def motion(self) -> PiecewisePolynomial:
-        """The motion over the phase omega t."""
+        """The motion over the phase omega t, but for what it advances."""
         values = self.values.copy()
         values[..., self.n :] /= self.omega
+        if self.advance:
+            by = np.array(self.advance)
+            values[..., : self.n] -= points_of(self.mesh, self.degree)[..., None] * by
+            values[..., self.n :] -= by[list(self.second_order)] / (2 * np.pi)
         return PiecewisePolynomial(np.array(self.second_order), self.mesh, values)
 
     def states(self, t: ArrayLike) -> Array:
         """Return the states at the times t [s], shape (len(t), n_states)."""
-        return evaluated(self.mesh, self.values, np.mod(np.atleast_1d(np.asarray(t, dtype=float)) / self.period, 1.0))
+        periods, s = np.divmod(np.atleast_1d(np.asarray(t, dtype=float)) / self.period, 1.0)
+        x = evaluated(self.mesh, self.values, s)
+        x[:, : len(self.advance)] += np.outer(periods, self.advance)
+        return x
 
     def q(self, t: ArrayLike) -> Array:
         """Return the coordinates at the times t [s], shape (len(t), n)."""
@@ -122,7 +132,7 @@ class CollocatedCycle:
 
     def orbit(self) -> Orbit:
         """Return the cycle as an orbit, which answers everything about its motion."""
-        peaks = np.abs(self.motion.extremes).max(axis=0)
+        peaks = np.maximum(np.abs(self.motion.extremes).max(axis=0), np.abs(self.advance or 0.0))
         errors = {"omega": self.period_error * self.omega, "waveform": self.waveform_error}
         errors |= {c: self.waveform_error * float(p) for c, p in zip(self.coordinates, peaks, strict=True)}
         return Orbit(
@@ -138,11 +148,17 @@ class CollocatedCycle:
             self.stability,
             errors if np.isfinite(self.period_error) else None,
             self.naming,
+            self.advance,
         )
 
 
 def cycle_of(
-    system: System, mesh: Array, values: Array, period: float, parameters: dict[str, float] | None = None
+    system: System,
+    mesh: Array,
+    values: Array,
+    period: float,
+    parameters: dict[str, float] | None = None,
+    advance: tuple[float, ...] = (),
 ) -> CollocatedCycle:
     """Return a cycle of a system, at its values where no others are given; not solved for yet."""
     return CollocatedCycle(
@@ -155,4 +171,5 @@ def cycle_of(
         period,
         dict(system.values) if parameters is None else parameters,
         naming=system.naming,
+        advance=advance,
     )

@@ -35,6 +35,8 @@ class OnMesh:
         Values of the others.
     reference : ndarray, shape (N, m + 1, n_states)
         A cycle near by, whose phase is taken.
+    advance : tuple of float
+        By how much each coordinate grows in a period; empty where none runs on.
     """
 
     rates: Rates
@@ -44,6 +46,7 @@ class OnMesh:
     width: float
     p: Array
     reference: Array
+    advance: tuple[float, ...] = ()
 
     __repr__ = brief
 
@@ -127,10 +130,13 @@ class OnMesh:
         A = h[..., None] * (A * self.size / self.size[:, None]).reshape(*shape, self.n)
         ahead = g.a @ f
         x, X = states / self.size, stages / self.size
+        end = np.roll(x, -1, axis=0)
+        if self.advance:
+            end[-1, : len(self.advance)] += np.array(self.advance) / self.size[: len(self.advance)]
         row, reference = self._phase
         residual = [
             (X - x[:, None] - ahead).ravel(),
-            (np.roll(x, -1, axis=0) - g.begin * x - np.einsum("j,ijn->in", g.d, X)).ravel(),
+            (end - g.begin * x - np.einsum("j,ijn->in", g.d, X)).ravel(),
             [float((row * (X - reference)).sum())],
         ]
         return Linearised(self, np.concatenate(residual), A, ahead, g.a @ slope, row)

@@ -17,6 +17,7 @@ from hbbogie.collocation.starting import Sampled
 from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
+from hbbogie.model.turns import check_advance
 from hbbogie.polynomials import evaluated
 from hbbogie.results.failure import ConvergenceError
 
@@ -67,7 +68,9 @@ def on_mesh(rates: Rates, guess: CollocatedCycle, width: float = 1.0) -> tuple[O
             f"system {system.name!r}: {len(conserved)} linear quantity(ies) are conserved, so that its cycles are not "
             "isolated; write it with fewer coordinates, or take HarmonicBalance."
         )
-    equations = OnMesh(rates, guess.mesh, guess.degree, size, width, p, guess.values)
+    if guess.advance:
+        check_advance(system.dynamics, guess.advance)
+    equations = OnMesh(rates, guess.mesh, guess.degree, size, width, p, guess.values, guess.advance)
     value = 0.0 if rates.place is None else float(p[rates.place])
     return equations, equations.pack(guess.values, guess.period, value)
 
@@ -266,7 +269,7 @@ def finished(
         f"of the waveform {errors[2]:.1e}."
     )
     return replace(
-        cycle_of(system, equations.mesh, values, T, p),
+        cycle_of(system, equations.mesh, values, T, p, equations.advance),
         residual=residual,
         period_error=errors[0],
         waveform_error=errors[2],

@@ -19,6 +19,7 @@ from hbbogie.collocation.rates import Rates
 from hbbogie.errors import ModelError, door, told
 from hbbogie.model.conserved import state_names
 from hbbogie.model.system import System
+from hbbogie.model.turns import turns_of
 from hbbogie.polynomials import points_of
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
@@ -44,6 +45,8 @@ class Sampled:
         Shares from 0 to 1, close where the motion is fast.
     period : float, s
     parameters : dict
+    advance : tuple of float
+        By how much each coordinate grows in a period; empty where none runs on.
     """
 
     system: System
@@ -51,6 +54,7 @@ class Sampled:
     samples: Array
     period: float
     parameters: dict[str, float]
+    advance: tuple[float, ...] = ()
 
     __repr__ = brief
 
@@ -63,7 +67,7 @@ class Sampled:
         mesh = spread(self.samples, part / np.diff(self.samples), N)
         points = points_of(mesh, degree)
         values = self.states(points.ravel()).reshape(*points.shape, -1)
-        return cycle_of(self.system, mesh, values, self.period, self.parameters)
+        return cycle_of(self.system, mesh, values, self.period, self.parameters, self.advance)
 
     def mark(self) -> Array:
         """Return frequency [rad/s], then means, smallest and largest values of the coordinates, shape (1 + 3 n,)."""
@@ -97,7 +101,7 @@ def from_orbit(system: System, orbit: Orbit) -> Sampled:
         return np.hstack([orbit.at(tau), orbit.omega * orbit.at(tau, 1)[:, second]])
 
     samples = orbit.motion.phases() / (2 * np.pi)
-    return Sampled(system, states, samples, orbit.period, dict(orbit.parameters))
+    return Sampled(system, states, samples, orbit.period, dict(orbit.parameters), orbit.advance)
 
 
 def _state(system: System, x: ArrayLike) -> Array:
@@ -175,6 +179,9 @@ def from_motion(system: System, x: ArrayLike) -> Sampled:
             span = end - begin
             shares = (times - begin) / span
             return Sampled(system, partial(_shifted, spline, begin, span), shares, span, dict(system.values))
+    turns = turns_of(system.dynamics)
+    if (np.ptp(late[:, : system.n], axis=0) >= np.where(turns, turns, np.inf)).any():
+        raise _lost(system, "an angle runs on; take find_cycles, and from_orbit for one of its cycles")
     raise _lost(system, f"the motion does not repeat itself within {CHUNK * CHUNKS} steps, up to t = {run.t:g} s")
 
 

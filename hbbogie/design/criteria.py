@@ -275,7 +275,8 @@ def _signal(equations: Equations, of: str) -> tuple[ca.Function, ca.Function]:
     else:
         raise ModelError(f"Peak: {unknown_name('coordinate or element', of, (*system.coordinate_names, *elements))}")
     c = equations.coefficients(z, p)
-    s = signal((c[0, :] + both.T @ c[1:, :]).T, (equations.frequency(z) * turned.T @ c[1:, :]).T, p)
+    speed = turned.T @ c[1:, :] + ca.DM(equations.advance or np.zeros(system.n)).T / (2 * np.pi)
+    s = signal((c[0, :] + both.T @ c[1:, :]).T, (equations.frequency(z) * speed).T, p)
     d1 = ca.gradient(s, tau)
     slopes = ca.Function("slopes", [tau, z, p], [s, d1, ca.gradient(d1, tau), ca.gradient(s, ca.vertcat(z, p))])
     return signal, slopes

@@ -14,6 +14,7 @@ from hbbogie.equilibria.rest import Level, Rest, conserved
 from hbbogie.equilibria.search import NEAR, NOTHING, SLICES, WIDE, Box, at_random, from_rest, newton, relaxed
 from hbbogie.equilibria.turns import crossing, turns
 from hbbogie.errors import ModelError, unknown_name
+from hbbogie.model.conserved import state_names
 from hbbogie.model.singular import between_poles, singular_terms
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Trajectory
@@ -58,9 +59,10 @@ def state_of_start(system: System, parameter: str, start: Start | None) -> tuple
         value = start.parameters.get(parameter)
         q = start.coefficients[0] if isinstance(start, Orbit) else start.q[-1]
     elif isinstance(start, Mapping):
-        unknown = [name for name in start if name not in names]
+        allowed = state_names(system)  # the velocities are those of a motion that begins there
+        unknown = [name for name in start if name not in allowed]
         if unknown:
-            raise ModelError(f"start: {unknown_name('coordinate', unknown[0], names)}")
+            raise ModelError(f"start: {unknown_name('state', unknown[0], allowed)}")
         q = np.array([start.get(name, 0.0) for name in names])
     else:
         q = start
@@ -176,7 +178,8 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
     curve = RestCurve(rest, box, box.scale)
     while queue and len(branches) < MOST_BRANCHES and not time_is_over():
         u = queue.pop(0)
-        u[: rest.system.n][rest.angles] = (u[: rest.system.n][rest.angles] + np.pi) % (2 * np.pi) - np.pi
+        whole = rest.turns[rest.angles]
+        u[: rest.system.n][rest.angles] = (u[: rest.system.n][rest.angles] + whole / 2) % whole - whole / 2
         if any(b.passes(curve, u) for b in branches):
             continue
         branch = follow(rest, box.about(rest, u), u)
@@ -237,6 +240,8 @@ def _family(rest: Rest, box: Box, roots: Array) -> Level | None:
 def _at_edges(rest: Rest, box: Box, roots: Array) -> NDArray[np.bool_]:
     """Tell which roots have coordinates within round-off of zero, where the equations have no derivative."""
     n = rest.system.n
+    if not len(roots):
+        return np.zeros(0, dtype=bool)
     q = roots[:, :n]
     snapped = np.concatenate([np.where(np.abs(q) <= ROUND_OFF * box.scale[:n], 0.0, q), roots[:, n:]], axis=1)
     with np.errstate(all="ignore"):

@@ -62,7 +62,7 @@ class RestCurve:
     def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
         """Return why this leg ends: coordinates have outgrown their scales, or the first point is near again."""
         u, n, angles = there.u, self.rest.system.n, self.rest.angles
-        if self.first is not None and (np.abs(u[:n] - self.first[:n])[angles] > 2 * np.pi).any():
+        if self.first is not None and (np.abs(u[:n] - self.first[:n]) > self.rest.turns)[angles].any():
             return AROUND
         if (np.abs(u[:n]) > GROWING * self.scale[:n])[~angles].any():
             return GROWN
@@ -119,10 +119,9 @@ class RestBranch:
         scaled = np.maximum(self.scale, curve.scale) * np.where(curve.weights, 1.0, np.inf)
         a, along = self.u[:-1] / scaled, np.diff(self.u / scaled, axis=0)
         size = np.maximum((along**2).sum(axis=1), 1e-300)
-        turns = np.round((u - self.u[:-1]) / (2 * np.pi)) * np.append(
-            curve.rest.angles, [False] * (curve.rest.level.k + 1)
-        )
-        near = (u - 2 * np.pi * turns) / scaled  # of an angle, the one near by
+        turn = np.append(curve.rest.turns, np.zeros(curve.rest.level.k + 1))
+        turns = turn * np.round((u - self.u[:-1]) / np.where(turn, turn, np.inf))
+        near = (u - turns) / scaled  # of an angle, the one near by
         share = np.clip(((near - a) * along).sum(axis=1) / size, 0.0, 1.0)
         off = np.linalg.norm(a + share[:, None] * along - near, axis=1)
         for i in np.argsort(off)[:3]:

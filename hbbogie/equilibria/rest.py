@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hbbogie.model.conserved import echelon, expression
 from hbbogie.model.derivatives import beside
 from hbbogie.model.system import System
+from hbbogie.model.turns import turns_of
 from hbbogie.solving.newton import Buffered
 
 Array = NDArray[np.float64]
@@ -85,7 +86,17 @@ class Rest:
     @property
     def angles(self) -> NDArray[np.bool_]:
         """Which coordinates are angles: a whole turn changes no equation at rest, shape (n,)."""
+        return self.turns > 0
+
+    @property
+    def turns(self) -> Array:
+        """The whole turn of each angle, 0 of other coordinates, shape (n,)."""
         return self.system.once("angles", lambda: angles_of(self.system))
+
+    @property
+    def reach(self) -> Array:
+        """Half a turn of each angle, also of those that turn only with others; 0 of other coordinates, shape (n,)."""
+        return 0.5 * np.maximum(self.turns, turns_of(self.system.dynamics))
 
     def vector(self, value: float) -> Array:
         """Return the parameter vector at a value of the parameter."""
@@ -215,16 +226,20 @@ def conserved(system: System, parameter: str, values: tuple[float, float], start
     return Level(directions / np.abs(directions).max(axis=0), rows, rows @ start, len(rows) + int(still.sum()), text)
 
 
-def angles_of(system: System) -> NDArray[np.bool_]:
-    """Return which coordinates are angles: a whole turn changes no equation, shape (n,)."""
-    n = system.n
+def angles_of(system: System) -> Array:
+    """Return the whole turn of each coordinate that is an angle, which changes no equation, 0 of others, shape (n,).
+
+    It is the turn declared, and where none is 2 pi.
+    """
+    n, declared = system.n, turns_of(system.dynamics)
+    turns = np.where(declared, declared, 2 * np.pi)
     turned = np.zeros(n, dtype=bool)
     q = np.random.default_rng(7).uniform(-1, 1, n)
-    at = [system.residual(q + 2 * np.pi * e, 0, 0, system.vector()).full() for e in (np.zeros(n), *np.eye(n))]
+    at = [system.residual(q + turns * e, 0, 0, system.vector()).full() for e in (np.zeros(n), *np.eye(n))]
     used = set(system.residual.jac_sparsity(0, 0).get_col())
     for i, r in enumerate(at[1:]):
         turned[i] = i in used and bool(np.abs(r - at[0]).max() <= 1e-12 * (1 + np.abs(at[0]).max()))
-    return turned
+    return np.where(turned, turns, 0.0)
 
 
 def _declared(bounds: tuple[float, float]) -> float:

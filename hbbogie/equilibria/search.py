@@ -54,7 +54,7 @@ class Box:
         declared = np.isfinite(self.low[:n]) & np.isfinite(self.high[:n])
         found = largest > NOTHING * scale[:n]
         scale[:n] = np.where(declared, np.maximum(scale[:n], largest), np.where(found, largest, scale[:n]))
-        scale[:n] = np.where(rest.angles, np.minimum(scale[:n], np.pi), scale[:n])
+        scale[:n] = np.where(rest.reach, np.minimum(scale[:n], rest.reach), scale[:n])
         return Box(self.low, self.high, scale)
 
     def about(self, rest: Rest, u: Array) -> Box:
@@ -62,7 +62,7 @@ class Box:
         n, scale = rest.system.n, self.scale.copy()
         declared = np.isfinite(self.low[:n]) & np.isfinite(self.high[:n])
         own = np.maximum(np.abs(u[:n]), OWN * scale[:n])
-        scale[:n] = np.where(declared | rest.angles, scale[:n], np.minimum(scale[:n], own))
+        scale[:n] = np.where(declared | (rest.reach > 0), scale[:n], np.minimum(scale[:n], own))
         return Box(self.low, self.high, scale)
 
     def holds(self, u: Array) -> NDArray[np.bool_]:
@@ -208,7 +208,7 @@ def at_random(
     both = np.isfinite(low) & np.isfinite(high)
     inside = rng.uniform(size=(count, n))
     q = np.where(both, np.where(both, low, 0.0) + inside * np.where(both, high - low, 0.0), q)
-    q = np.where(rest.angles, np.pi * (2 * inside - 1), q)
+    q = np.where(rest.reach, rest.reach * (2 * inside - 1), q)
     u = np.zeros((count, m))
     u[:, :n] = q
     strata = (rng.permutation(count) + rng.uniform(size=count)) / count

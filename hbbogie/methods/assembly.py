@@ -129,9 +129,8 @@ class Assembly:
         """Return the coefficients of an element's argument on the kept rows."""
         layout = self.layout
         X, mean, omega = layout.unpack(z)
-        zero = ca.SX.zeros(layout.n)
         rest = self._rest(element, p)  # a preload belongs to the mean
-        u = [] if layout.odd else [element.argument(mean, zero, p)]
+        u = [] if layout.odd else [element.argument(mean, omega * layout.drift, p)]
         for k in range(layout.waves):  # a cosine row of the velocity comes from the sine row, and vice versa
             h, (other, sign) = layout.moving[k // 2], ((k - 1, -1) if k % 2 else (k + 1, 1))
             q, v = ca.SX.zeros(layout.n), ca.SX.zeros(layout.n)
@@ -211,8 +210,11 @@ class Assembly:
                 for i, target in enumerate(out):
                     target += [cosine[i], sine[i]]
         F = [ca.vertcat(*r) + forces.get(i, 0) for r, i in zip(rows, self.R, strict=True)] if layout.moving else []
-        if layout.means:
-            F.append(layout.parts.stiffness(p) @ mean + ca.vertcat(*means))
+        if not layout.odd:
+            linear = layout.parts.stiffness(p) @ mean
+            if layout.advance:
+                linear += layout.parts.damping(p) @ ca.DM(layout.drift) * omega
+            F.append(linear + ca.vertcat(*means))
         return ca.vertcat(*F), [ca.vertcat(*x) for x in XC]
 
     def _all_coefficients(self, X: ca.SX, XC: list[ca.SX], mean: ca.SX) -> ca.SX:

@@ -67,13 +67,18 @@ class Equations:
         Bounds that exclude the zero solution and divergence; typical size of each unknown.
     residual_scale : ndarray, shape (m,), unit of F
     phase : int or None
-        Coordinate whose sine coefficient of the first harmonic is zero; None for equilibria.
+        Coordinate whose sine coefficient of the first harmonic is zero, or, if coordinates run on, the first of them,
+        whose mean is zero; None for equilibria.
+    advance : tuple of float, unit of the coordinate
+        By how much each coordinate grows in a period; empty where none runs on.
     cosines : dict of int to int
         Coordinates whose first harmonic is among the unknowns: the place in z of its cosine coefficient.
     with_phase : callable or None
         (name of a coordinate, system) -> the equations with the phase set by that one; None if the user chose it.
     with_even : callable or None
         system -> the equations that also keep the even harmonics; None if these do, or if the user chose odd ones.
+    running : callable or None
+        (advance, system) -> the equations of motions that run on, or back again; None if the method has none.
     once : Once
         Store of objects built once for these functions, shared by all equations that have them.
     """
@@ -95,13 +100,16 @@ class Equations:
     residual_scale: Array
     phase: int | None
     cosines: dict[int, int]
+    advance: tuple[float, ...] = ()
     with_phase: Callable[[str, System], Equations] | None = None
     with_even: Callable[[System], Equations] | None = None
+    running: Callable[[tuple[float, ...], System], Equations] | None = None
     once: Once = field(default_factory=Once, repr=False)
 
     def __repr__(self) -> str:
         names, p = self.system.coordinate_names, self.system.values
         phase = "no phase: equilibria" if self.phase is None else f"phase set by {names[self.phase]}"
+        phase += ", which runs on" if self.advance else ""
         return lines(
             f"Equations of {self.system.name} by {self.method}",
             f"{self.size} unknowns: {', '.join(self.unknowns[:6])}{' ...' * (self.size > 6)}; {phase}",
@@ -115,18 +123,35 @@ class Equations:
 
     @property
     def leading(self) -> int | None:
-        """Place in z of the cosine coefficient of the first harmonic of the coordinate that sets the phase, or None."""
-        return None if self.phase is None else self.cosines[self.phase]
+        """Place in z of the cosine coefficient of the first harmonic of the coordinate that sets the phase, or None.
+
+        None where coordinates run on, since such a motion does not vanish with that coefficient.
+        """
+        return None if self.phase is None or self.advance else self.cosines[self.phase]
 
     def phased(self, orbit: Orbit) -> Equations:
         """Return the equations that suit an orbit; the same equations if they already do.
 
         Their phase is set by a coordinate that moves in the orbit. An odd system may have cycles that are not odd, for
         example about an equilibrium away from zero. For these the even harmonics are kept, unless the user chose odd
-        ones.
+        ones. Coordinates that run on in the orbit do so in the equations.
+
+        Raises
+        ------
+        ModelError
+            When coordinates run on that cannot, or the method has no equations of such motions.
         """
         names = self.system.coordinate_names
         if self.phase is None or orbit.H == 0 or orbit.coordinates != names:
+            return self
+        if orbit.advance != self.advance:
+            if self.running is None:
+                raise ModelError(
+                    f"a coordinate runs on in the orbit of {orbit.system!r}, and {self.method} has no equations for "
+                    "that; take HarmonicBalance(harmonics) without odd=True, or Collocation."
+                )
+            return self.running(orbit.advance, self.system).phased(orbit)
+        if self.advance:
             return self
         if self.with_even is not None and not orbit.is_odd(LOPSIDED):
             return self.with_even(self.system).phased(orbit)
@@ -150,7 +175,17 @@ class Equations:
                 f"the equations are those of {self.system.name!r} with {', '.join(self.system.coordinate_names)}."
             )
         c = orbit.harmonics(max(orbit.H, (self.coefficients.size1_out(0) - 1) // 2))
-        if self.phase is not None:
+        if self.phase is not None and self.advance:
+            if orbit.advance != self.advance:
+                raise ModelError(
+                    f"the guess advances by {orbit.advance or 0} in a period, and the equations are those of motions "
+                    f"that advance by {self.advance}; take equations.phased(guess)."
+                )
+            drift = np.array(self.advance) / (2 * np.pi)
+            tau = -c[0, self.phase] / drift[self.phase]
+            c = fourier.shift(c, tau)
+            c[0] += drift * tau
+        elif self.phase is not None:
             if orbit.H == 0 or np.hypot(*c[1:3, self.phase]) == 0:
                 raise ModelError(
                     f"the guess does not move in {orbit.coordinates[self.phase]!r}, the coordinate that sets the "
@@ -175,4 +210,5 @@ class Equations:
             method=self.method,
             residual=float(np.abs(F / self.residual_scale).max()),
             status=status,
+            advance=self.advance,
         )

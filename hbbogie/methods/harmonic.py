@@ -16,6 +16,7 @@ from hbbogie.methods.scales import make_equations
 from hbbogie.methods.size import check_size
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
+from hbbogie.model.turns import check_advance
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,12 @@ class HarmonicBalance:
         """Default number of samples per period: 16 (H + 1)."""
         return 16 * (self.harmonics + 1)
 
-    def kept(self, system: System) -> tuple[int, ...]:
-        """Return the harmonics that are unknowns for this system."""
+    def kept(self, system: System, advance: tuple[float, ...] = ()) -> tuple[int, ...]:
+        """Return the harmonics that are unknowns for this system; all where coordinates run on."""
+        if advance and self.odd:
+            raise ModelError("HarmonicBalance: odd=True, but motions that run on have all harmonics; leave odd out.")
+        if advance:
+            return tuple(range(self.harmonics + 1))
         odd = system.odd if self.odd is None and self.harmonics else bool(self.odd)
         if odd and not self.harmonics:
             raise ModelError("HarmonicBalance: odd=True leaves no harmonic of 0 ... 0; give harmonics of at least 1.")
@@ -94,16 +99,17 @@ class HarmonicBalance:
         odd = system.odd if self.odd is None else self.odd
         check_size(int(self.harmonics), samples, count, system.name, odd)
 
-    def layout(self, system: System, kept: tuple[int, ...]) -> Layout:
+    def layout(self, system: System, kept: tuple[int, ...], advance: tuple[float, ...] = ()) -> Layout:
         """Return which coefficients of which coordinates are unknowns."""
         return make_layout(
             system,
-            system.parts(self.contact),
+            system.parts(self.contact, tuple(i for i, by in enumerate(advance) if by)),
             kept,
             H=self.harmonics,
             samples=self.samples or self.default_samples,
             condense=self.condense,
             phase=self.phase,
+            advance=advance,
         )
 
     def equations(self, system: System) -> Equations:
@@ -114,14 +120,19 @@ class HarmonicBalance:
         ModelError
             When they would take more than 4 GB of memory; the message says how many harmonics do not.
         """
+        return self._equations((), system)
+
+    def _equations(self, advance: tuple[float, ...], system: System) -> Equations:
         self.check(system)
         _check_gaps(system)
-        kept = self.kept(system)
-        assembly = system.once((self, kept), lambda: Assembly(self.layout(system, kept), system))
+        if advance:
+            check_advance(system.dynamics, advance)
+        kept = self.kept(system, advance)
+        assembly = system.once((self, kept, advance), lambda: Assembly(self.layout(system, kept, advance), system))
         found = make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
         with_even = replace(self, odd=False).equations if self.odd is None and 0 not in kept else None
         with_phase = None if self.phase else partial(_with_phase, self)
-        return replace(found, with_phase=with_phase, with_even=with_even)
+        return replace(found, with_phase=with_phase, with_even=with_even, running=self._equations)
 
 
 def _with_phase(method: HarmonicBalance, name: str, system: System) -> Equations:

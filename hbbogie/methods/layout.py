@@ -40,6 +40,9 @@ class Layout:
         Whether half a period represents the whole: for odd harmonics, if the system is odd for all parameter values.
     parts : Parts
         The system divided into its parts.
+    advance : tuple of float
+        By how much each coordinate grows in a period; empty where none runs on. Then the mean of the first that does
+        is zero and not an unknown, which sets the phase.
     """
 
     n: int
@@ -50,6 +53,7 @@ class Layout:
     samples: int
     half: bool
     parts: Parts
+    advance: tuple[float, ...] = ()
 
     @property
     def odd(self) -> bool:
@@ -67,15 +71,20 @@ class Layout:
         return 2 * len(self.moving)
 
     @property
-    def means(self) -> int:
-        """Number of means among the unknowns: those of all coordinates, or none."""
-        return 0 if self.odd else self.n
+    def means(self) -> tuple[int, ...]:
+        """The coordinates whose means are unknowns: none, or all but one that sets the phase where it runs on."""
+        return () if self.odd else tuple(i for i in range(self.n) if not self.advance or i != self.phase)
+
+    @property
+    def drift(self) -> Array:
+        """Growth of each coordinate per radian of the phase, shape (n,)."""
+        return np.array(self.advance or np.zeros(self.n)) / (2 * np.pi)
 
     @cached_property
     def keep(self) -> NDArray[np.int_]:
         """Places of the coefficients above harmonic 0 that are unknowns (all except the one that sets the phase)."""
         keep = np.ones(self.waves * len(self.S), dtype=bool)
-        if self.phase is not None:
+        if self.phase is not None and not self.advance:
             keep[self.S.index(self.phase) * self.waves + 1] = False
         return np.flatnonzero(keep)
 
@@ -88,7 +97,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return len(self.keep) + self.means + bool(self.moving)
+        return len(self.keep) + len(self.means) + bool(self.moving)
 
     def unpack(self, z: Any) -> tuple[Any, Any, Any]:
         """Return the coefficients, shape (waves, len(S)), the means, shape (n,), and omega as expressions."""
@@ -96,7 +105,15 @@ class Layout:
         if not self.moving:
             return kind(0, len(self.S)), z, kind(0)
         X = ca.reshape(ca.mtimes(self._insertion, z[: len(self.keep)]), self.waves, len(self.S))
-        return X, z[len(self.keep) : -1] if self.means else kind.zeros(self.n), z[-1]
+        return X, self._means(z, kind), z[-1]
+
+    def _means(self, z: Any, kind: Any) -> Any:
+        if len(self.means) == self.n:
+            return z[len(self.keep) : -1]
+        mean = kind.zeros(self.n)
+        if self.means:
+            mean[list(self.means)] = z[len(self.keep) : -1]
+        return mean
 
     @cached_property
     def _insertion(self) -> ca.DM:
@@ -109,11 +126,19 @@ class Layout:
         if not self.moving:
             return np.array(c[0])
         moving = c[np.ix_(fourier.rows_of(self.moving), np.array(self.S))].ravel(order="F")[self.keep]
-        return np.concatenate([moving, c[0] if self.means else [], [omega]])
+        return np.concatenate([moving, c[0, list(self.means)], [omega]])
 
 
 def make_layout(
-    system: System, parts: Parts, kept: tuple[int, ...], *, H: int, samples: int, condense: bool, phase: str | None
+    system: System,
+    parts: Parts,
+    kept: tuple[int, ...],
+    *,
+    H: int,
+    samples: int,
+    condense: bool,
+    phase: str | None,
+    advance: tuple[float, ...] = (),
 ) -> Layout:
     """Return which coefficients of which coordinates are unknowns.
 
@@ -132,6 +157,8 @@ def make_layout(
         Whether coordinates that enter linearly are eliminated.
     phase : str or None
         Coordinate that sets the phase; None for the first that enters nonlinearly.
+    advance : tuple of float
+        By how much each coordinate grows in a period.
 
     Raises
     ------
@@ -140,12 +167,12 @@ def make_layout(
     """
     nonlinear = parts.nonlinear or tuple(range(system.n))
     S = nonlinear if condense else tuple(range(system.n))
-    place = None
-    if any(kept):
+    place = next((i for i, by in enumerate(advance) if by), None)
+    if any(kept) and place is None:
         place = nonlinear[0] if phase is None else system.index(phase)
         if place not in S:
             raise ModelError(
                 f"phase={phase!r} enters linearly and is condensed out; choose among "
                 f"{', '.join(system.coordinate_names[i] for i in S)}, or set condense=False."
             )
-    return Layout(system.n, kept, H, S, place, samples, kept[0] != 0 and system.odd, parts)
+    return Layout(system.n, kept, H, S, place, samples, kept[0] != 0 and system.odd, parts, advance)

@@ -80,8 +80,10 @@ def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held:
     m, names = equations.size, equations.system.coordinate_names
     kept, slopes = np.ones(m), np.zeros((m, m))
     kept[places] = 0.0
-    means = np.array([equations.unknowns.index(f"{name}, mean") for name in names])
-    slopes[np.ix_(places, means)] = rows
+    # the mean of an angle that sets the phase is zero and no unknown
+    known = [k for k, name in enumerate(names) if f"{name}, mean" in equations.unknowns]
+    means = np.array([equations.unknowns.index(f"{names[k]}, mean") for k in known], dtype=int)
+    slopes[np.ix_(places, means)] = rows[:, known]
     offset = np.zeros(m)
     offset[places] = held
     sizes, labels = np.abs(rows) @ size, list(equations.rows)

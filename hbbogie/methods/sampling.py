@@ -40,7 +40,10 @@ class Sampling:
             if layout.moving:
                 E = ca.DM(fourier.synthesis(layout.H, tau, d)[:, fourier.rows_of(layout.moving)])
                 x[list(layout.S), :] = (ca.mtimes(E, X) * omega**d).T
-            states.append(x + ca.repmat(mean, 1, len(tau)) if d == 0 else x)
+            x = x + ca.repmat(mean, 1, len(tau)) if d == 0 else x
+            if layout.advance and d < 2:
+                x = x + (ca.DM(np.outer(layout.drift, tau)) if d == 0 else omega * ca.DM(layout.drift))
+            states.append(x)
         return states, tau
 
     def interval(self, z: ca.MX) -> ca.MX:
@@ -98,6 +101,8 @@ class Sampling:
                     G = ca.reshape(ca.mtimes(table, ca.mtimes(moments, slope)), len(kept), 1 + len(kept))
                     if d == 0 and layout.means:
                         d_mean[:, layout.S[j]] = G[:, 0]
+                    if d == 1 and layout.advance:
+                        d_omega += G[:, 0] * layout.drift[layout.S[j]]
                     if layout.moving:
                         wave = ca.mtimes(G[:, first:], ca.sparsify(ca.DM(np.linalg.matrix_power(D, d))))
                         block += wave * omega**d
@@ -109,7 +114,7 @@ class Sampling:
                 d_omega -= ca.mtimes(A, values[4][i, :].T) * dt / omega
             d_p = [ca.mtimes(A, values[3][k * len(rows) + i, :].T) for k in range(len(free))]
             blocks.append(
-                ca.horzcat(moving, *([d_mean] if layout.means else []), *([d_omega] if layout.moving else []), *d_p)
+                ca.horzcat(moving, d_mean[:, list(layout.means)], *([d_omega] if layout.moving else []), *d_p)
             )
         return ca.vertcat(*blocks)
 

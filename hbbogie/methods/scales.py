@@ -35,9 +35,10 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
     lower, upper = -LARGEST * scale, LARGEST * scale
     if layout.phase is not None:
         scale[-1], lower[-1], upper[-1] = omega, omega * 1e-3, omega * 1e3
-        lower[layout.cosines[layout.phase]] = SMALLEST * size
+        if not layout.advance:
+            lower[layout.cosines[layout.phase]] = SMALLEST * size
     rows = _row_scale(layout.parts, p, omega) * size
-    means = rows if layout.means else np.empty(0)
+    means = np.empty(0) if layout.odd else rows
     return Equations(
         system=system,
         method=method,
@@ -55,6 +56,7 @@ def make_equations(system: System, assembly: Assembly, method: str) -> Equations
         scale=scale,
         residual_scale=np.r_[np.repeat(rows[list(assembly.R)], layout.waves), means],
         phase=layout.phase,
+        advance=layout.advance,
         cosines=layout.cosines,
         once=assembly.once,
     )
@@ -71,7 +73,8 @@ def _labels(system: System, layout: Layout, which: Sequence[int], kind: str) -> 
     ]
     if kind == "unknown":
         moving = [moving[k] for k in layout.keep]
-    means = [f"{prefix}{c}, mean" for c in name] if layout.means else []
+    which = layout.means if kind == "unknown" or layout.odd else range(layout.n)
+    means = [f"{prefix}{name[i]}, mean" for i in which]
     return (*moving, *means, *(["omega"] if kind == "unknown" and layout.moving else []))
 
 

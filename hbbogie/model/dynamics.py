@@ -17,6 +17,7 @@ from hbbogie.model.checks import check_equations, check_names, orders
 from hbbogie.model.divisions import divisions
 from hbbogie.model.elements import AttachedLaw, Element, attach
 from hbbogie.model.symbols import Coordinate, Parameter
+from hbbogie.model.turns import check_turns
 from hbbogie.once import Once
 from hbbogie.results.naming import Naming
 
@@ -138,6 +139,7 @@ def equations_of_motion(
         second_order=orders(residual, coordinates),
     )
     _check_leading_matrix(found)
+    check_turns(found)
     return found
 
 

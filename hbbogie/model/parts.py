@@ -47,7 +47,7 @@ class Parts:
     __repr__ = brief
 
 
-def split(system: Dynamics, contact: bool, *, every_law: bool = False) -> Parts:
+def split(system: Dynamics, contact: bool, *, every_law: bool = False, running: tuple[int, ...] = ()) -> Parts:
     """Take equations of motion apart.
 
     Parameters
@@ -57,6 +57,8 @@ def split(system: Dynamics, contact: bool, *, every_law: bool = False) -> Parts:
         Whether continuous piecewise-linear elements are kept apart as contacts; otherwise they go to the remainder.
     every_law : bool
         Whether all elements are kept apart, whatever their law.
+    running : tuple of int
+        Coordinates that run on: a nonlinear equation has no stiffness in them, since only the whole is periodic.
     """
     n = system.n
     q, v, a, p = system.symbols()
@@ -80,12 +82,16 @@ def split(system: Dynamics, contact: bool, *, every_law: bool = False) -> Parts:
             forces[i] = _spread(system.elements[i], q, v, a, p, dt)
         r = ca.substitute(r_f, f, ca.vertcat(*forces))
     # remainder = r - linear part; entries that are linear drop out by their sparsity, not by subtraction
-    bent = [i for i, nonlinear in enumerate(ca.which_depends(r, qva, 2, False)) if nonlinear]
+    bent = [i for i, nonlinear in enumerate(ca.which_depends(r, qva, 2, False)) if nonlinear or i in running]
     rest = ca.SX.zeros(3 * n)
     only = ca.vertcat(*(qva[i] if i in bent else ca.SX(0) for i in range(3 * n)))
     r_only = ca.substitute(r, qva, only)
     constant = ca.substitute(r, qva, rest)
     hessian_rows = {i for i in range(n) if bent and any(ca.which_depends(r[i], qva, 2, False))}
+    if running:
+        stiffness = K(p)
+        stiffness[sorted(hessian_rows), list(running)] = 0
+        K = ca.Function("K", [p], [ca.sparsify(stiffness)])
     linear = M(p) @ only[2 * n :] + D(p) @ only[n : 2 * n] + K(p) @ only[:n]
     remainder = ca.vertcat(*(r_only[i] - linear[i] if i in hessian_rows else constant[i] for i in range(n)))
     remainder = ca.sparsify(ca.simplify(remainder))

@@ -170,11 +170,15 @@ class Coordinate(Expression):
     bounds : (float, float), unit of the coordinate
         Smallest and largest value that has a meaning, both included, such as (0, inf) for a concentration: equilibria
         are looked for within them only, and finite ones say how large the coordinate becomes.
+    turn : float, optional, unit of the coordinate
+        Of an angle: by how much it may grow with nothing else changed, such as 2 pi (in rad) or 360 (in degrees). The
+        equations must be the same then. Solutions that run on, q(t + T) = q(t) + turn, are cycles.
 
     Raises
     ------
     ModelError
-        When the name is no identifier, or the bounds are not (low, high) with low < high.
+        When the name is no identifier, the bounds are not (low, high) with low < high, or the turn is no number above
+        0.
     """
 
     def __init__(
@@ -183,19 +187,26 @@ class Coordinate(Expression):
         unit: str = "",
         description: str = "",
         bounds: tuple[float, float] = (-np.inf, np.inf),
+        turn: float | None = None,
     ):
         check_name("coordinate", name)
         check_texts("coordinate", name, unit, description)
         super().__init__(ca.SX.sym(name))
         self.name, self.unit, self.description = name, unit, description
         self.bounds = _range("coordinate", name, bounds)
+        self.turn = None if turn is None else as_number(turn)
+        if self.turn is not None and not 0 < self.turn < np.inf:
+            raise ModelError(
+                f"coordinate {name!r}: got {told(turn)} as turn; give a number above 0, such as 2 * pi for an angle in "
+                "rad, or leave it out."
+            )
         self.dot, self.ddot = (Expression(ca.SX.sym(s)) for s in (f"d({name})/dt", f"d2({name})/dt2"))
 
     def __repr__(self) -> str:
         return f"Coordinate {_described(self)}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Coordinate, (self.name, self.unit, self.description, self.bounds)
+        return Coordinate, (self.name, self.unit, self.description, self.bounds, self.turn)
 
 
 class Parameter(Expression):

@@ -286,9 +286,9 @@ class System:
         """Return the stiffness matrix d r/d q at rest, shape (n, n)."""
         return self._matrix(2, values)
 
-    def parts(self, contact: bool) -> Parts:
-        """Return the system taken apart into linear matrices, remainder and contact elements."""
-        return self.once(("parts", contact), lambda: split(self._dynamics, contact))
+    def parts(self, contact: bool, running: tuple[int, ...] = ()) -> Parts:
+        """Return the system taken apart into linear matrices, remainder and contact elements, see `split`."""
+        return self.once(("parts", contact, running), lambda: split(self._dynamics, contact, running=running))
 
     @property
     def nonlinear_coordinates(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from PIL import Image
 
 from hbbogie.errors import ModelError, as_path, of_kind, whole
 from hbbogie.plot.appearance import COLOURS, INK, PALE, SHADES, bracketed, coordinate_of, panels, scale, style, title_of
+from hbbogie.plot.orbits import on_cylinder, turns_at
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.sketch import Sketch
 from hbbogie.units import per_second
@@ -93,8 +94,12 @@ def animate(
     history.set_xlabel("time [s]", fontsize=9)
     history.set_ylabel(bracketed(name, shown), fontsize=9)
     colour = _colour(motion)
+    curve, dots = (x, v), (x_at, v_at)
+    if isinstance(motion, Orbit) and motion.advance:
+        bare, there = on_cylinder([motion], name, x / factor, v)
+        curve, dots = (factor * bare, there), (x_at - factor * turns_at([motion], name, x_at / factor), v_at)
     redraw = [
-        _moving_dot(phase, (x, v), (x_at, v_at), colour),
+        _moving_dot(phase, curve, dots, colour),
         _moving_dot(history, (t, x), (stops, x_at), colour),
     ]
     if sketch is not None:

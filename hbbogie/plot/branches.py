@@ -29,8 +29,13 @@ from hbbogie.plot.appearance import (
 )
 from hbbogie.plot.curves import Height, draw_marks, draw_pieces, gaps, level_of, onset, pieces
 from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.units import per_second
 
-QUANTITIES: dict[str, Callable[[Orbit, str], float]] = {"peak": Orbit.amplitude, "first harmonic": Orbit.first_harmonic}
+QUANTITIES: dict[str, Callable[[Orbit, str], float]] = {
+    "peak": Orbit.amplitude,
+    "first harmonic": Orbit.first_harmonic,
+    "mean speed": Orbit.mean_speed,
+}
 CRUSHED = 0.12  # share of the axis below which special points are shown once more, enlarged
 Published = Iterable[tuple[str, ArrayLike, ArrayLike, str]]
 
@@ -54,7 +59,8 @@ def branch(
     y : str
         Coordinate; the first one where left out.
     ax : Axes
-    quantity : {"peak", "first harmonic"}
+    quantity : {"peak", "first harmonic", "mean speed"}
+        The peak of a coordinate that runs on is that of its periodic part; its mean speed is 0 where it does not.
     published : iterable of (label, x, y, marker)
         Points drawn on top: parameter values, shape (k,), and amplitudes, shape (k,), in the units of
         the parameter and of the coordinate; marker as in matplotlib.
@@ -68,6 +74,8 @@ def branch(
     many = _branches(branches)
     name, unit = coordinate_of(many[0][0], y)
     value = QUANTITIES[named("branch", "quantity", quantity, QUANTITIES)]
+    unit = per_second(unit) if quantity == "mean speed" else unit
+    running = any(o.advance and o.advance[o.index(name)] for b in many for o in b) and quantity != "mean speed"
     points = [(label, np.atleast_1d(u), np.atleast_1d(w), marker) for label, u, w, marker in published]
     given, ax = ax, axes(ax)
     sizes = [np.array([value(o, name) for o in b]) for b in many] + [w for _, _, w, _ in points]
@@ -82,7 +90,8 @@ def branch(
     for gap, width in closed.items():
         text = many[0][0].naming.plain(gap)
         ax.axhline(factor * width, color=INK, lw=0.8, ls=(0, (6, 2, 1, 2)), zorder=1, label=text)
-    ax.set_ylabel(bracketed(f"{quantity} of {many[0][0].naming.plain(name)}", unit))
+    part = " the periodic part of" * running
+    ax.set_ylabel(bracketed(f"{quantity} of{part} {many[0][0].naming.plain(name)}", unit))
     if ax.dataLim.y0 >= 0:
         ax.set_ylim(-0.025 * ax.dataLim.y1, 1.04 * ax.dataLim.y1)  # room for a marker at zero
     if given is None and not points:

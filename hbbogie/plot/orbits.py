@@ -37,7 +37,7 @@ def orbit(
     ax: Axes | None = None,
     labels: Sequence[str] | None = None,
 ) -> Axes:
-    """Draw phase portraits.
+    """Draw phase portraits; coordinates that run on are drawn over one turn.
 
     Parameters
     ----------
@@ -58,7 +58,11 @@ def orbit(
     for o in many:
         t = o.times()
         u, v = o.q(t), o.v(t)
-        curves.append((u[:, o.index(across)], u[:, o.index(y)] if y else v[:, o.index(across)]))
+        curves.append(
+            on_cylinder(many, across, u[:, o.index(across)], u[:, o.index(y)] if y else v[:, o.index(across)])
+        )
+        if y:
+            curves[-1] = on_cylinder(many, y, *curves[-1][::-1])[::-1]
     given, ax = ax, axes(ax)
     fx, shown = scale(unit_x, [c[0] for c in curves], ax.get_xlabel())
     prefix = shown.removesuffix(unit_x)
@@ -243,6 +247,43 @@ def dresses(many: Sequence[Orbit]) -> list[dict[str, Any]]:
         tone = (1 - pale) * np.array(to_rgb(SHADES[verdict])) + pale
         found.append({"color": tuple(tone), "ls": LINES[verdict]})
     return found
+
+
+def turns_at(many: Sequence[Orbit], name: str, u: Array) -> Array:
+    """Return the whole turns to be taken off values of a coordinate to draw them over one turn; an array of its unit.
+
+    Parameters
+    ----------
+    many : sequence of Orbit
+        What is drawn; nothing is taken off where the coordinate runs on in none of them.
+    name : str
+    u : ndarray, shape (N,)
+        The coordinate along one of them.
+    """
+    turns = [abs(o.advance[o.index(name)]) for o in many if o.advance and o.advance[o.index(name)]]
+    turn = min(turns, default=np.inf)
+    whole = np.ptp(u) >= 0.99 * turn
+    return np.asarray((turn if turns else 0.0) * np.round((u if whole else np.full_like(u, u.mean())) / turn))
+
+
+def on_cylinder(many: Sequence[Orbit], name: str, u: Array, w: Array) -> tuple[Array, Array]:
+    """Return a curve over a coordinate, cut where that has made a turn if it runs on in one of the orbits.
+
+    Parameters
+    ----------
+    many : sequence of Orbit
+    name : str
+    u, w : ndarray, shape (N,)
+        The coordinate and what is drawn over it.
+
+    Returns
+    -------
+    ndarray, shape (N + cuts,)
+        With not-a-number where the curve is cut.
+    """
+    off = turns_at(many, name, u)
+    cuts = 1 + np.flatnonzero(np.diff(off))
+    return np.insert(u - off, cuts, np.nan), np.insert(w, cuts, np.nan)
 
 
 def _title(many: Sequence[Orbit]) -> str:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from hbbogie.brief import lines
 from hbbogie.results.ending import Ending
 from hbbogie.results.netcdf import read, write
-from hbbogie.results.orbit import NOT_RESOLVED, Orbit, labels_of, pack, unpack
+from hbbogie.results.orbit import NOT_RESOLVED, Orbit, unpack
 from hbbogie.results.pictures import draw, page
+from hbbogie.results.stored import labels_of, pack
 from hbbogie.units import readable
 
 if TYPE_CHECKING:

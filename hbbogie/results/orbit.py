@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,8 +18,8 @@ from hbbogie.results.netcdf import read, write
 from hbbogie.results.periodic import FourierSeries, PeriodicMotion
 from hbbogie.results.pictures import draw, page
 from hbbogie.results.stability import Stability
-from hbbogie.results.stored import names_of, pack_motions, pack_verdicts, unpack_motions, unpack_verdict
-from hbbogie.units import readable
+from hbbogie.results.stored import labels_of, names_of, pack, unpack_motions, unpack_verdict
+from hbbogie.units import per_second, readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +35,10 @@ class Orbit:
 
     The motion is stored as its method found it: as Fourier coefficients, as phases that are linear between switchings,
     or as a piecewise polynomial. An orbit answers the same questions whichever it is.
+
+    An angle may run on: ``q(t + T) = q(t) + advance``. The motion stored is then its periodic part, and `q` adds
+    ``advance t / T``. Peak, extremes, root mean square and spectrum are those of the periodic part about its mean,
+    which depends on where time begins.
 
     Attributes
     ----------
@@ -62,6 +65,9 @@ class Orbit:
         error of each coordinate's peak by its name [its unit]. None where they were not asked for or not found.
     naming : Naming
         Units and descriptions of coordinates and parameters, as far as they are known.
+    advance : tuple of float, unit of the coordinate
+        By how much each coordinate has grown after a period: whole turns of those that run on, 0 of the others. Empty
+        where none runs on.
     """
 
     system: str
@@ -76,6 +82,7 @@ class Orbit:
     stability: Stability | None = None
     errors: dict[str, float] | None = None
     naming: Naming = NAMELESS
+    advance: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.motion, np.ndarray):
@@ -122,7 +129,25 @@ class Orbit:
     @property
     def extremes(self) -> tuple[Array, Array]:
         """Smallest and largest value of each coordinate over the period, each of shape (n,) [its unit]."""
-        return self.motion.extremes
+        low, high = self.motion.extremes
+        return (low - self.free_mean, high - self.free_mean) if self.advance else (low, high)
+
+    @property
+    def free_mean(self) -> Array:
+        """Mean of the periodic part of each coordinate that runs on, 0 of the others, shape (n,) [its unit]."""
+        return np.where(self.advance, self.motion.mean(), 0.0) if self.advance else np.zeros(len(self.coordinates))
+
+    def about_mean(self, coefficients: Array) -> Array:
+        """Return coefficients, shape (2 H + 1, n), with zero means of the coordinates that run on."""
+        if not self.advance:
+            return coefficients
+        c = coefficients.copy()
+        c[0, np.array(self.advance) != 0] = 0.0
+        return c
+
+    def mean_speed(self, coordinate: str) -> float:
+        """Return the mean velocity of a coordinate [its unit/s]: 0 unless it runs on."""
+        return self.advance[self.index(coordinate)] / self.period if self.advance else 0.0
 
     def amplitude(self, coordinate: str) -> float:
         """Return the peak, the largest absolute value over the period, of a coordinate [its unit]."""
@@ -136,7 +161,8 @@ class Orbit:
 
     def rms(self, coordinate: str) -> float:
         """Return the root mean square of a coordinate over the period [its unit]."""
-        return float(self.motion.rms()[self.index(coordinate)])
+        i = self.index(coordinate)
+        return float(np.sqrt(max(self.motion.rms()[i] ** 2 - self.free_mean[i] ** 2, 0.0)))
 
     def first_harmonic(self, coordinate: str) -> float:
         """Return the amplitude of the first harmonic of a coordinate [its unit]; 0 for an equilibrium."""
@@ -144,7 +170,7 @@ class Orbit:
 
     def spectrum(self, coordinate: str) -> Array:
         """Return the amplitude of each harmonic 0 ... H of a coordinate, shape (H + 1,) [its unit]."""
-        c = self.coefficients[:, self.index(coordinate)]
+        c = self.about_mean(self.coefficients)[:, self.index(coordinate)]
         return np.r_[abs(c[0]), np.hypot(c[1::2], c[2::2])]
 
     @property
@@ -155,15 +181,20 @@ class Orbit:
         because the motion is stored in another form.
         """
         moving = np.abs(self.motion.c[1:]) if isinstance(self.motion, FourierSeries) else np.zeros(1)
-        return float(moving[-8:].max() / moving.max()) if moving.max(initial=0.0) > 0 else 0.0
+        largest = max(moving.max(initial=0.0), *np.abs(self.advance), 0.0)
+        return float(moving[-8:].max() / largest) if self.H and largest > 0 else 0.0
 
     def is_odd(self, tolerance: float = 1e-9) -> bool:
         """Tell whether q(t + T / 2) = -q(t), up to a distance relative to the largest value."""
-        return self.motion.is_odd(tolerance)
+        return not self.advance and self.motion.is_odd(tolerance)
 
     def at(self, tau: ArrayLike, derivative: int = 0) -> Array:
         """Return the coordinates, or a derivative of theirs in tau, at the phases tau [rad], shape (len(tau), n)."""
-        return self.motion.at(np.atleast_1d(np.asarray(tau, dtype=float)), derivative)
+        tau = np.atleast_1d(np.asarray(tau, dtype=float))
+        x = self.motion.at(tau, derivative)
+        if self.advance and derivative < 2:
+            x = x + np.outer(np.ones_like(tau) if derivative else tau, np.array(self.advance) / (2 * np.pi))
+        return x
 
     def q(self, t: ArrayLike) -> Array:
         """Return the coordinates at the times t [s], shape (len(t), n)."""
@@ -214,12 +245,13 @@ class Orbit:
         judged = self.stability.verdict if self.stability else "not judged"
         peaks = list(self.peaks().items())
         shown = ", ".join(f"{name} {text}".strip() for name, text in peaks[:PEAKS])
-        largest = self.largest_multiplier
+        largest, running = self.largest_multiplier, zip(self.coordinates, self.units, self.advance, strict=False)
         series = "" if self.kept is None else f"highest harmonic {self.kept}, "
         return lines(
             f"{self.system}: {kind}, {judged}, at {self.naming.values(self.parameters)}".removesuffix(", at "),
             f"period {self.period:.7g} s, omega {self.omega:.7g} rad/s, {self.frequency:.6g} Hz" if self.H else "",
             f"peaks {shown}" + (f" and {len(peaks) - PEAKS} more" if len(peaks) > PEAKS else ""),
+            *(f"{c} runs on, mean speed {self.mean_speed(c):.6g} {per_second(u)}" for c, u, by in running if by),
             f"{self.method or 'no method named'}, {series}residual {self.residual:.1g}",
             f"error of the waveform {self.errors['waveform']:.1g} of its peak" if self.errors else "",
             "" if largest is None else f"largest multiplier {largest:.6g}",
@@ -246,6 +278,7 @@ class Orbit:
             "period_s": self.period,
             "amplitude": {c: self.amplitude(c) for c in self.coordinates},
             "first_harmonic": {c: self.first_harmonic(c) for c in self.coordinates},
+            **({"mean_speed": {c: self.mean_speed(c) for c in self.coordinates}} if self.advance else {}),
             "unit": dict(zip(self.coordinates, self.units, strict=True)),
             "stability": self.stability.verdict if self.stability else None,
             "multipliers": [[m.real, m.imag] for m in self.stability.multipliers.tolist()] if self.stability else None,
@@ -277,35 +310,11 @@ class Orbit:
         return read(path, lambda data: unpack(data)[0])
 
 
-def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> dict[str, Any]:
-    """Return the variables of orbits of one system."""
-    units = set(orbits[0].units)
-    own = {"units": (units.pop() or "1") if len(units) == 1 else "those of coordinate_unit"}
-    data: dict[str, Any] = pack_motions([o.motion for o in orbits], dimension, prefix, own) | {
-        "omega": (dimension, [o.omega for o in orbits], {"units": "rad/s", "long_name": "frequency"}),
-        "parameters": (
-            (dimension, "parameter"),
-            [list(o.parameters.values()) for o in orbits],
-            {"units": "those of parameter_unit"},
-        ),
-        "amplitude": (
-            (dimension, "coordinate"),
-            [[o.amplitude(c) for c in o.coordinates] for o in orbits],
-            own | {"long_name": "largest absolute value over the period"},
-        ),
-        "residual": (dimension, [o.residual for o in orbits], {"units": "1", "long_name": "largest scaled residual"}),
-        "errors": (dimension, np.array([json.dumps(o.errors) for o in orbits], dtype=str)),
-        "method": (dimension, np.array([o.method for o in orbits], dtype=str)),
-        "status": (dimension, np.array([o.status for o in orbits], dtype=str)),
-    }
-    data |= pack_verdicts([o.stability for o in orbits], dimension, prefix)
-    return {prefix + name: value for name, value in data.items()}
-
-
 def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
     """Return the orbits that `pack` put into a dataset."""
     get = {name: data[prefix + name].values for name in ("omega", "parameters")}
     motions = unpack_motions(data, prefix)
+    advance = data[prefix + "advance"].values if prefix + "advance" in data else np.zeros((len(get["omega"]), 1))
     coordinates = tuple(str(c) for c in data["coordinate"].values)
     names = [str(p) for p in data["parameter"].values]
     units, naming = names_of(data)
@@ -325,17 +334,7 @@ def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
                 stability=unpack_verdict(data, prefix, i),
                 errors=json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
                 naming=naming,
+                advance=tuple(map(float, advance[i])) if advance[i].any() else (),
             )
         )
     return orbits
-
-
-def labels_of(orbit: Orbit) -> dict[str, Any]:
-    """Return the labels of the dimensions of a dataset of orbits: names, units and descriptions."""
-    units = {**orbit.naming.units, **dict(zip(orbit.coordinates, orbit.units, strict=True))}
-    labels: dict[str, Any] = {}
-    for kind, names in (("coordinate", orbit.coordinates), ("parameter", tuple(orbit.parameters))):
-        labels[kind] = list(names)
-        for what, texts in (("unit", units), ("description", orbit.naming.descriptions)):
-            labels[f"{kind}_{what}"] = (kind, np.array([texts.get(n, "") for n in names], dtype=str))
-    return labels

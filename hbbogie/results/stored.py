@@ -20,7 +20,37 @@ from hbbogie.results.stability import Stability
 if TYPE_CHECKING:
     import xarray as xr
 
+    from hbbogie.results.orbit import Orbit
+
 OTHERS = {kind.form: kind for kind in (LinearPhases, PiecewisePolynomial)}
+
+
+def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> dict[str, Any]:
+    """Return the variables of orbits of one system."""
+    units = set(orbits[0].units)
+    own = {"units": (units.pop() or "1") if len(units) == 1 else "those of coordinate_unit"}
+    data: dict[str, Any] = pack_motions([o.motion for o in orbits], dimension, prefix, own) | {
+        "omega": (dimension, [o.omega for o in orbits], {"units": "rad/s", "long_name": "frequency"}),
+        "parameters": (
+            (dimension, "parameter"),
+            [list(o.parameters.values()) for o in orbits],
+            {"units": "those of parameter_unit"},
+        ),
+        "amplitude": (
+            (dimension, "coordinate"),
+            [[o.amplitude(c) for c in o.coordinates] for o in orbits],
+            own | {"long_name": "largest absolute value over the period"},
+        ),
+        "residual": (dimension, [o.residual for o in orbits], {"units": "1", "long_name": "largest scaled residual"}),
+        "errors": (dimension, np.array([json.dumps(o.errors) for o in orbits], dtype=str)),
+        "method": (dimension, np.array([o.method for o in orbits], dtype=str)),
+        "status": (dimension, np.array([o.status for o in orbits], dtype=str)),
+    }
+    if any(o.advance for o in orbits):
+        grown = [o.advance or (0.0,) * len(o.coordinates) for o in orbits]
+        data["advance"] = ((dimension, "coordinate"), grown, own | {"long_name": "growth in a period"})
+    data |= pack_verdicts([o.stability for o in orbits], dimension, prefix)
+    return {prefix + name: value for name, value in data.items()}
 
 
 def pack_motions(
@@ -133,3 +163,14 @@ def names_of(data: xr.Dataset) -> tuple[tuple[str, ...], Naming]:
     units = tuple(found["unit"][str(c)] for c in data["coordinate"].values)
     known = [{name: text for name, text in texts.items() if text} for texts in found.values()]
     return units, Naming(*known)
+
+
+def labels_of(orbit: Orbit) -> dict[str, Any]:
+    """Return the labels of the dimensions of a dataset of orbits: names, units and descriptions."""
+    units = {**orbit.naming.units, **dict(zip(orbit.coordinates, orbit.units, strict=True))}
+    labels: dict[str, Any] = {}
+    for kind, names in (("coordinate", orbit.coordinates), ("parameter", tuple(orbit.parameters))):
+        labels[kind] = list(names)
+        for what, texts in (("unit", units), ("description", orbit.naming.descriptions)):
+            labels[f"{kind}_{what}"] = (kind, np.array([texts.get(n, "") for n in names], dtype=str))
+    return labels

@@ -29,7 +29,7 @@ class Cycle:
     """
 
     def __init__(self, equations: Equations, z: ca.MX, p: ca.MX):
-        self._system, self._p = equations.system, p
+        self._system, self._p, self._advance = equations.system, p, equations.advance
         self.coefficients, self.omega = equations.coefficients(z, p), equations.frequency(z)
         self.H = (self.coefficients.shape[0] - 1) // 2
 
@@ -54,7 +54,7 @@ class Cycle:
         return ca.sqrt(c[0] ** 2 + 0.5 * ca.sumsqr(c[1:]))
 
     def values(self, coordinate: str, samples: int = SAMPLES) -> ca.MX:
-        """Return a coordinate at equidistant times over the period, shape (samples,) [its unit]."""
+        """Return a coordinate, or its periodic part, at equidistant times over the period, shape (samples,)."""
         E = fourier.synthesis(self.H, fourier.phases(samples))
         return ca.mtimes(E, self.coefficients[:, self._system.index(coordinate)])
 
@@ -66,6 +66,8 @@ class Cycle:
         law, tau = self._system.elements[names.index(element)], fourier.phases(samples)
         q = ca.mtimes(fourier.synthesis(self.H, tau), self.coefficients).T
         v = self.omega * ca.mtimes(fourier.synthesis(self.H, tau, 1), self.coefficients).T
+        if self._advance:
+            v += self.omega * ca.DM(self._advance) / (2 * ca.pi)
         u = law.argument.map(samples)(q, v, ca.repmat(self._p, 1, samples))
         return law.force.map(samples)(u, ca.repmat(self._p, 1, samples)).T
 

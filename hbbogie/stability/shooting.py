@@ -144,6 +144,7 @@ class Shooting:
         for group in (positions, ~positions):  # a state at rest must not require infinite precision
             size[group] = np.maximum(size[group], 1e-6 * size[group].max(initial=0.0))
         self.scale = np.where(size > 0, size, 1.0)
+        self.advance = np.append(orbit.advance or np.zeros(system.n), np.zeros(len(second))) / self.scale
 
     def _guess(self, tau: Array) -> Array:
         """Return the states of the orbit at phases tau [rad], shape (len(tau), n_states)."""
@@ -207,6 +208,7 @@ class Shooting:
         response = np.linalg.solve(M, right.reshape(N, STAGES * n, -1)).reshape(N, STAGES, n, -1)
         end = path.h[:, None, None] * np.einsum("emab,embr->ear", WEIGHTS[:, None, None] * J, response)
         mismatch = x1 - np.roll(path.x, -1, axis=0)
+        mismatch[-1] -= self.advance
         off, slope = self._contacts(path)
         error = np.nan_to_num(max(np.abs(a).max(initial=0.0) for a in (residual, mismatch, off)), nan=np.inf)
         gap, transitions, drift = mismatch + end[..., 0], np.eye(n) + end[..., 1:-1], end[..., -1] + WEIGHTS @ f

@@ -46,7 +46,7 @@ def signals(orbit: Orbit, dq: Array, dv: Array, rest: Array) -> Signals:
     dq, dv : ndarray, shape (M, n)
     rest : ndarray, shape (M,)
     """
-    if not isinstance(orbit.motion, FourierSeries):
+    if orbit.advance or not isinstance(orbit.motion, FourierSeries):
         return _OfMotion(orbit, dq, dv, rest)
     c = orbit.coefficients
     functions = c @ dq.T + orbit.omega * fourier.derivative(c) @ dv.T

@@ -46,7 +46,8 @@ class Verification:
     amplitude_errors : dict of float, unit of the coordinate
         Given peak minus polished, by coordinate.
     waveform_error : float
-        Largest distance of the two waveforms over the period, relative to the peak of the coordinate.
+        Largest distance of the two waveforms over the period, relative to the peak of the coordinate, or, where it
+        runs on, to its growth in a period.
     defect : float
         Largest residual of the equations along the given waveform, relative to the largest of their linear terms.
     closure : float
@@ -127,7 +128,7 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     omega = float(2 * np.pi / path.durations.sum())
     amplitudes = _peaks(shooting, path, step)
     ranges = np.ptp(_dense(shooting, path, step)[1][..., : system.n], axis=(0, 1))
-    given = np.subtract(*orbit.extremes[::-1])
+    given = np.subtract(*orbit.extremes[::-1]) + np.abs(orbit.advance or 0.0)
     share = float((ranges / np.maximum(given, 1e-9 * given.max())).max())
     if share < 1e-2 or closure > max(1e3 * tolerance, 1e-9):
         reason = f"the motion has shrunk to {share:.2g} of the orbit" if share < 1e-2 else f"closed to {closure:.2g}"
@@ -142,6 +143,7 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     status = _status(path, shooting, closure, distance, isolated)
     changes = {"method": f"multiple shooting, {len(path.x)} elements", "residual": closure, "status": status}
     polished = orbit.replace(coefficients=coefficients, omega=omega, stability=stability, **changes)
+    amplitudes |= {c: polished.amplitude(c) for c, by in zip(orbit.coordinates, orbit.advance, strict=False) if by}
     errors = {c: orbit.amplitude(c) - amplitudes[c] for c in orbit.coordinates}
     numbers = (distance, defect(system, orbit), closure, stability.trivial_error)
     return Verification(polished, amplitudes, orbit.omega - omega, errors, *numbers, isolated, status)
@@ -152,7 +154,7 @@ def _check(system: System, orbit: Orbit) -> None:
     check_orbit(system, orbit)
     if not np.isfinite(orbit.coefficients).all():
         raise ModelError("the orbit has coefficients that are not finite; give a cycle that was solved for.")
-    if not orbit.H or not np.abs(orbit.coefficients[1:]).max() > 0:
+    if not orbit.H or not (np.abs(orbit.coefficients[1:]).max() > 0 or orbit.advance):
         raise ModelError("the orbit is an equilibrium, so there is nothing to polish; give a cycle.")
 
 
@@ -263,13 +265,15 @@ def _missed(shooting: Shooting, waveform: Waveform, active: NDArray[np.bool_], p
 
 
 def _sampled(shooting: Shooting, path: Path, f: Array, phases: Array) -> Array:
-    """Return the coordinates at phases counted from the beginning of the path, shape (len(phases), n)."""
+    """Return the coordinates' periodic part at phases from the beginning of the path, shape (len(phases), n)."""
     ends = np.cumsum(path.h)
-    t = np.mod(phases, 2 * np.pi) / (2 * np.pi) * ends[-1]
+    share = np.mod(phases, 2 * np.pi) / (2 * np.pi)
+    t = share * ends[-1]
     e = np.minimum(np.searchsorted(ends, t, side="right"), len(ends) - 1)
     h = path.h[e]
     sigma = np.divide(t - (ends - path.h)[e], h, out=np.zeros_like(t), where=h > 0)
-    return (states_at(path, f, e, sigma) * shooting.scale)[:, : shooting.system.n]
+    q = (states_at(path, f, e, sigma) * shooting.scale)[:, : shooting.system.n]
+    return q - np.outer(share, shooting.orbit.advance) if shooting.orbit.advance else q
 
 
 def _coefficients(shooting: Shooting, path: Path, step: NewtonStep, tau: float, H: int) -> Array:
@@ -284,8 +288,27 @@ def _coefficients(shooting: Shooting, path: Path, step: NewtonStep, tau: float, 
 def _aligned(shooting: Shooting, path: Path, step: NewtonStep, orbit: Orbit) -> tuple[Array, float]:
     """Return the coefficients in phase with an orbit, and the distance from it relative to the peaks."""
     b = _coefficients(shooting, path, step, 0.0, max(orbit.H, 15))
-    a, h = orbit.harmonics(max(orbit.H, 15)), np.arange(1, max(orbit.H, 15) + 1)
+    a = orbit.harmonics(max(orbit.H, 15))
     peak = np.maximum(np.abs(fourier.extremes(b)).max(axis=0), np.finfo(float).tiny)
+    peak = np.where(orbit.advance, np.abs(orbit.advance), peak) if orbit.advance else peak
+    tau = _in_phase(a, b, peak, orbit)
+    moved = tau / (2 * np.pi) * np.array(orbit.advance or 0.0)  # the periodic part, when time begins later
+    phases = fourier.phases(max(512, 16 * orbit.H))
+    gap = orbit.motion.at(phases) - _sampled(shooting, path, step.f, tau + phases) - moved
+    for H in HARMONICS:
+        c = _coefficients(shooting, path, step, tau, H)
+        c[0] += moved
+        if np.abs(c[-8:]).max() <= RESOLVED * max(np.abs(c[1:]).max(), *np.abs(orbit.advance), 0.0):
+            break
+    return c, float((np.abs(gap).max(axis=0) / peak)[peak > 1e-12 * peak.max()].max())
+
+
+def _in_phase(a: Array, b: Array, peak: Array, orbit: Orbit) -> float:
+    """Return by what phase [rad] the motion b is behind a: their largest correlation, or that of means that advance."""
+    if orbit.advance:
+        i = next(k for k, by in enumerate(orbit.advance) if by)
+        return float((a[0, i] - b[0, i]) / orbit.advance[i] * 2 * np.pi)
+    h = np.arange(1, fourier.highest(a) + 1)
     first, second = ((c[1::2] - 1j * c[2::2]) / peak for c in (a, b))
     W = (first.conj() * second).sum(axis=1)
     grid = fourier.phases(32 * len(h))
@@ -293,14 +316,7 @@ def _aligned(shooting: Shooting, path: Path, step: NewtonStep, orbit: Orbit) -> 
     for _ in range(6):  # Newton's method for the largest correlation
         turned = W * np.exp(1j * h * tau)
         tau += (1j * h * turned).sum().real / (h**2 * turned).sum().real
-    phases = fourier.phases(max(512, 16 * orbit.H))
-    gap = orbit.at(phases) - _sampled(shooting, path, step.f, tau + phases)
-    for H in HARMONICS:
-        c = _coefficients(shooting, path, step, tau, H)
-        if np.abs(c[-8:]).max() <= RESOLVED * np.abs(c[1:]).max():
-            break
-    moving = peak > 1e-12 * peak.max()
-    return c, float((np.abs(gap).max(axis=0) / peak)[moving].max())
+    return float(tau)
 
 
 def _peaks(shooting: Shooting, path: Path, step: NewtonStep) -> dict[str, float]:
