@@ -116,6 +116,7 @@ def find_cycles(
         census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
         census.follow_branches()
         census.simulate()
+        census.look_in_groups()
         census.look_beside()
         found, undecided = census.found, ""
         if census.family and not found:

@@ -131,9 +131,9 @@ def check_name(kind: str, name: Any) -> None:
         )
 
 
-def check_texts(kind: str, name: str, unit: Any, description: Any) -> None:
-    """Raise `ModelError` unless unit and description are texts."""
-    for what, text in (("unit", unit), ("description", description)):
+def check_texts(kind: str, name: str, unit: Any, description: Any, group: Any = "") -> None:
+    """Raise `ModelError` unless unit, description and group are texts."""
+    for what, text in (("unit", unit), ("description", description), ("group", group)):
         if not isinstance(text, str):
             raise ModelError(f"{kind} {name!r}: got {told(text)} as {what}; give a text, such as 'm'.")
 
@@ -170,6 +170,8 @@ class Coordinate(Expression):
     bounds : (float, float), unit of the coordinate
         Smallest and largest value that has a meaning, both included, such as (0, inf) for a concentration: equilibria
         are looked for within them only, and finite ones say how large the coordinate becomes.
+    group : str
+        Name of the bodies that it belongs to, such as "front bogie": cycles are told apart by the groups that move.
 
     Raises
     ------
@@ -183,11 +185,12 @@ class Coordinate(Expression):
         unit: str = "",
         description: str = "",
         bounds: tuple[float, float] = (-np.inf, np.inf),
+        group: str = "",
     ):
         check_name("coordinate", name)
-        check_texts("coordinate", name, unit, description)
+        check_texts("coordinate", name, unit, description, group)
         super().__init__(ca.SX.sym(name))
-        self.name, self.unit, self.description = name, unit, description
+        self.name, self.unit, self.description, self.group = name, unit, description, group
         self.bounds = _range("coordinate", name, bounds)
         self.dot, self.ddot = (Expression(ca.SX.sym(s)) for s in (f"d({name})/dt", f"d2({name})/dt2"))
 
@@ -195,7 +198,7 @@ class Coordinate(Expression):
         return f"Coordinate {_described(self)}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Coordinate, (self.name, self.unit, self.description, self.bounds)
+        return Coordinate, (self.name, self.unit, self.description, self.bounds, self.group)
 
 
 class Parameter(Expression):
