@@ -22,6 +22,7 @@ from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.scales import amplitude_scale
 from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
+from hbbogie.motion.energy import alone
 from hbbogie.results import Orbit, SpecialPoint
 
 Array = NDArray[np.float64]
@@ -125,15 +126,11 @@ class Census:
 
     def simulate(self) -> None:
         """Follow motions, and consider the cycles they come near."""
-        system = self.system
-        p = system.vector()
-        amplitude = amplitude_scale(system.parts(True), p, frequency_scale(system, p))
-        size = sizes(system, self.equilibria, self.found, amplitude)
+        system, size = self.system, self._sizes()
         starts = starts_of(system, self.equilibria, size)
         if self.start is not None:
             starts = [("the start", state_of(system, self.start))]
-        eigenvalues = np.concatenate([e.eigenvalues for e in self.equilibria] or [np.empty(0, dtype=complex)])
-        h = sample_distance(eigenvalues)
+        h = self._sample_distance()
         for sense, there in (("", system), (" backwards in time", system.backwards())):
             if sense and not self.backwards:
                 continue
@@ -190,6 +187,23 @@ class Census:
         said = f"{which} from {where} has neither settled nor come back to itself"
         self.evidence += [said] if said not in self.evidence else []
         return "undecided"
+
+    def _sizes(self) -> Array:
+        system, p = self.system, self.system.vector()
+        amplitude = amplitude_scale(system.parts(True), p, frequency_scale(system, p))
+        return sizes(system, self.equilibria, self.found, amplitude)
+
+    def _sample_distance(self) -> float:
+        eigenvalues = np.concatenate([e.eigenvalues for e in self.equilibria] or [np.empty(0, dtype=complex)])
+        return sample_distance(eigenvalues)
+
+    def look_in_groups(self) -> None:
+        """Follow motions in which one group of bodies moves as in a cycle found, and the others rest."""
+        for where, x in alone(self.system, self.found):
+            what = "not begun before the time limit"
+            if not time_is_over():
+                what = self._motion(self.system, False, where, x, self._sample_distance(), self._sizes())
+            self.evidence.append(f"the motion from {where}: {what}")
 
     def consider(
         self,

@@ -132,6 +132,7 @@ def find_cycles(
         census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
         census.follow_branches()
         census.simulate()
+        census.look_in_groups()
         census.follow_cycles()
         found, undecided, family = census.found, "", census.polishing.family
         if family and not found:

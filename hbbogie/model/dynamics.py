@@ -72,6 +72,12 @@ class Dynamics:
         return np.array([p.default for p in self.parameters])
 
     @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Names of the coordinates of each group of bodies."""
+        names = dict.fromkeys(c.group for c in self.coordinates if c.group)
+        return {name: tuple(c.name for c in self.coordinates if c.group == name) for name in names}
+
+    @property
     def naming(self) -> Naming:
         """Units and descriptions of coordinates and parameters."""
         return self.once("naming", lambda: _naming((*self.coordinates, *self.parameters)))

@@ -131,9 +131,9 @@ def check_name(kind: str, name: Any) -> None:
         )
 
 
-def check_texts(kind: str, name: str, unit: Any, description: Any) -> None:
-    """Raise `ModelError` unless unit and description are texts."""
-    for what, text in (("unit", unit), ("description", description)):
+def check_texts(kind: str, name: str, unit: Any, description: Any, group: Any = "") -> None:
+    """Raise `ModelError` unless unit, description and group are texts."""
+    for what, text in (("unit", unit), ("description", description), ("group", group)):
         if not isinstance(text, str):
             raise ModelError(f"{kind} {name!r}: got {told(text)} as {what}; give a text, such as 'm'.")
 
@@ -173,6 +173,8 @@ class Coordinate(Expression):
     turn : float, optional, unit of the coordinate
         Of an angle: by how much it may grow with nothing else changed, such as 2 pi (in rad) or 360 (in degrees). The
         equations must be the same then. Solutions that run on, q(t + T) = q(t) + turn, are cycles.
+    group : str
+        Name of the bodies that it belongs to, such as "front bogie": cycles are told apart by the groups that move.
 
     Raises
     ------
@@ -188,11 +190,12 @@ class Coordinate(Expression):
         description: str = "",
         bounds: tuple[float, float] = (-np.inf, np.inf),
         turn: float | None = None,
+        group: str = "",
     ):
         check_name("coordinate", name)
-        check_texts("coordinate", name, unit, description)
+        check_texts("coordinate", name, unit, description, group)
         super().__init__(ca.SX.sym(name))
-        self.name, self.unit, self.description = name, unit, description
+        self.name, self.unit, self.description, self.group = name, unit, description, group
         self.bounds = _range("coordinate", name, bounds)
         self.turn = None if turn is None else as_number(turn)
         if self.turn is not None and not 0 < self.turn < np.inf:
@@ -206,7 +209,7 @@ class Coordinate(Expression):
         return f"Coordinate {_described(self)}"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Coordinate, (self.name, self.unit, self.description, self.bounds, self.turn)
+        return Coordinate, (self.name, self.unit, self.description, self.bounds, self.turn, self.group)
 
 
 class Parameter(Expression):

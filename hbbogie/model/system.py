@@ -221,6 +221,11 @@ class System:
         return tuple(c.name for c in self.coordinates)
 
     @property
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Names of the coordinates of each group of bodies."""
+        return self._dynamics.groups
+
+    @property
     def naming(self) -> Naming:
         """Units and descriptions of coordinates and parameters."""
         return self._dynamics.naming
@@ -308,8 +313,7 @@ class System:
     @property
     def inactive_parameters(self) -> tuple[str, ...]:
         """Names of the parameters that enter no equation."""
-        sparsity = self.residual.jac_sparsity(0, 3)
-        used = set(sparsity.get_col())
+        used = set(self.residual.jac_sparsity(0, 3).get_col())
         return tuple(name for i, name in enumerate(self.parameter_names) if i not in used)
 
     def __repr__(self) -> str:

@@ -1,3 +1,5 @@
+from .energy import energy_shares as energy_shares
+from .energy import moving_groups as moving_groups
 from .integration import simulate as simulate
 from .settling import Settled as Settled
 from .settling import last_orbit as last_orbit

@@ -1,0 +1,181 @@
+"""The vehicle against numbers computed independently; vehicle.json says how."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hbbogie as hb
+from hbbogie.branches import crossings
+
+KNOWN = json.loads((Path(__file__).parent / "vehicle.json").read_text(encoding="utf-8"))
+VEHICLE = hb.load_problem("vehicle")
+CASES = {
+    "base": {},
+    "no_yaw_damper": {"c1": 0.0},
+    "maxwell": {"yaw_dampers": "series"},
+    "lam=0.1": {"lam": 0.1},
+    "lam=0.3": {"lam": 0.3},
+    "half_creep": {"f11": 4.7e6, "f22": 4.35e6},
+}
+MADE = {"she": {}, "linear": {"creep": "linear"}, "series": {"yaw_dampers": "series"}}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_hopf_points(case):
+    found = hb.hopf_points(VEHICLE.vehicle(**CASES[case]), "V", (5.0, 250.0))
+    for hopf, (V, omega) in zip(found, KNOWN["hopf"][case], strict=True):
+        assert hopf.value == pytest.approx(V, rel=1e-9)
+        assert hopf.omega == pytest.approx(omega, rel=1e-9)
+
+
+def test_failed_yaw_dampers_are_none():
+    values = [
+        [h.value for h in hb.hopf_points(VEHICLE.vehicle(**made), "V", (60.0, 90.0))]
+        for made in ({"c1": 0.0}, {"yaw_dampers": "none"})
+    ]
+    assert values[0] == pytest.approx(values[1], rel=1e-10)
+
+
+def test_stiff_series_spring_is_a_direct_yaw_damper():
+    direct, series = (
+        hb.hopf_points(VEHICLE.vehicle(yaw_dampers=kind, **made), "V", (60.0, 90.0))[0].value
+        for kind, made in (("direct", {}), ("series", {"kyd": 1e13}))
+    )
+    assert series == pytest.approx(direct, rel=1e-6)
+
+
+def test_scaling_of_creep_and_conicity():
+    """V_c(q f11, q f22, lam) = q V_c(f11, f22, q^2 lam) with the same frequency, exactly."""
+    scaled = VEHICLE.vehicle(f11=4.7e6, f22=4.35e6, lam=0.2)
+    other = VEHICLE.vehicle(lam=0.05)
+    for a, b in zip(*(hb.hopf_points(s, "V", (20.0, 140.0)) for s in (scaled, other)), strict=True):
+        assert 2 * a.value == pytest.approx(b.value, rel=1e-9)
+        assert a.omega == pytest.approx(b.omega, rel=1e-9)
+
+
+@pytest.mark.parametrize("creep", ["she", "linear"])
+def test_matrices_of_the_suspension_are_symmetric(creep):
+    """The suspension follows from energies; without creep the equations are those of Lagrange."""
+    for made in ({}, {"bogies": 1}):
+        system = VEHICLE.vehicle(creep=creep, f11=0.0, f22=0.0, **made)
+        for function in system.dynamics.linear:
+            matrix = function(system.vector()).full()
+            np.testing.assert_allclose(matrix, np.transpose(matrix), atol=1e-9 * np.abs(matrix).max())
+
+
+def test_one_bogie_is_the_front_of_a_vehicle_with_a_heavy_body():
+    alone = VEHICLE.vehicle(bogies=1)
+    assert alone.coordinate_names == ("yb1", "pb1", "rb1", "y1", "p1", "y2", "p2")
+    heavy = VEHICLE.vehicle(mc=1e12, Icz=1e14, Icx=1e12)
+    (one,) = hb.hopf_points(alone, "V", (60.0, 110.0))
+    assert any(abs(h.value / one.value - 1) < 1e-5 for h in hb.hopf_points(heavy, "V", (60.0, 110.0)))
+
+
+# --- cycles -----------------------------------------------------------------------------------
+
+
+@cache
+def coarse(kind, which):
+    """Return equations and branch with 9 harmonics from the first or the second Hopf point."""
+    system = VEHICLE.vehicle(**MADE[kind])
+    hopf = hb.hopf_points(system, "V", (50.0, 130.0))[which]
+    balance = hb.HarmonicBalance(9).equations(system)
+    return balance, hb.trace(balance, hopf, "V", (50.0, 125.0), stability=False)
+
+
+def at(kind, which, V, size=max):
+    balance, branch = coarse(kind, which)
+    return size(crossings(balance, branch, V), key=lambda o: o.amplitude("y1"))
+
+
+def measures(system, orbit):
+    """Return rms of frame accelerations, centre and outer end, and of the guiding forces, from the equations."""
+    N = 4096
+    t, k = np.arange(N) * orbit.period / N, orbit.omega * np.fft.rfftfreq(N, 1 / N)[:, None]
+    q, v = orbit.q(t), orbit.v(t)
+    for _ in range(2):  # the second time with the harmonics beyond those of the orbit, which inertia alone determines
+        a = system.ode.map(N)(np.hstack([q, v]).T, system.vector()).full()[system.n :].T
+        c = np.fft.rfft(a, axis=0)
+        c[: orbit.H + 1], k[0] = 0, 1
+        q, v = orbit.q(t) - np.fft.irfft(c / k**2, N, axis=0), orbit.v(t) - np.fft.irfft(1j * c / k, N, axis=0)
+    names, p = list(system.coordinate_names), system.values
+    value = {name: (q[:, i], v[:, i], a[:, i]) for i, name in enumerate(names)}
+    centre, outer, guiding = [], [], []
+    for i in (1, 2):
+        side = 3 - 2 * i
+        centre.append(value[f"yb{i}"][2])
+        outer.append(value[f"yb{i}"][2] + side * p["lb"] * value[f"pb{i}"][2])
+        for k, z in ((2 * i - 1, 1), (2 * i, -1)):
+            stretch, rate = (
+                value[f"y{k}"][d] - value[f"yb{i}"][d] - z * p["lb"] * value[f"pb{i}"][d] + p["hp"] * value[f"rb{i}"][d]
+                for d in (0, 1)
+            )
+            guiding.append(p["mw"] * value[f"y{k}"][2] + 2 * p["kpy"] * stretch + 2 * p["cpy"] * rate)
+    return [[np.sqrt(np.mean(s**2)) for s in signals] for signals in (centre, outer, guiding)]
+
+
+def assert_known(kind, start, known):
+    system = VEHICLE.vehicle(**MADE[kind], V=known["V"])
+    checked = hb.verify(system, start)
+    assert checked.orbit.omega == pytest.approx(known["omega"], rel=1e-7)
+    assert [checked.amplitudes[f"y{k}"] for k in (1, 2, 3, 4)] == pytest.approx(known["amp"], rel=1e-7)
+    largest = complex(*known["multiplier"])
+    assert np.abs(checked.multipliers - largest).min() < 1e-5
+    assert checked.orbit.stability.verdict == ("stable" if abs(largest) < 1 else "unstable")
+    assert checked.orbit.largest_multiplier == pytest.approx(abs(largest), abs=1e-5)
+    if kind != "series":  # whose states are more
+        for found, name in zip(measures(system, checked.orbit), ("acc_cg", "acc_outer", "sumY"), strict=True):
+            assert found == pytest.approx(known[name], rel=1e-6)
+
+
+def test_front_bogie_hunts():
+    assert_known("she", at("she", 0, 70.0), KNOWN["cycles"]["she front"][0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "which", "name"),
+    [
+        ("she", 0, "front"),
+        ("she", 1, "both"),
+        ("linear", 1, "front"),
+        ("linear", 0, "both"),
+        ("series", 0, "front"),
+        ("series", 1, "both"),
+    ],
+)
+def test_cycles(kind, which, name):
+    for known in KNOWN["cycles"][f"{kind} {name}"][(kind, name) == ("she", "front") :]:
+        size = min if abs(complex(*known["multiplier"])) > 1 else max
+        assert_known(kind, at(kind, which, known["V"], size), known)
+
+
+@pytest.mark.slow
+def test_rear_bogie_hunts():
+    """The rear bogie moves as the front one did, a guess that leads to its own cycle."""
+    balance, _ = coarse("she", 0)
+    front = at("she", 0, 62.0)
+    c = front.coefficients.copy()
+    pairs = zip(*(map(front.index, balance.system.groups[name]) for name in ("front bogie", "rear bogie")), strict=True)
+    for i, j in pairs:
+        c[:, [i, j]] = c[:, [j, i]]
+    rear = hb.solve(balance, front.replace(coefficients=c), method="newton", V=62.0)
+    assert_known("she", rear, KNOWN["cycles"]["she rear"][0])
+
+
+@pytest.mark.slow
+def test_fold_and_torus_of_the_front_bogie():
+    known, torus = KNOWN["fold front"], KNOWN["torus front"]
+    balance, branch = coarse("she", 0)
+    start = min(branch.folds(), key=lambda f: f.value)
+    folds = [hb.fold(hb.HarmonicBalance(H).equations(balance.system), start, search=False) for H in (21, 43)]
+    errors = [abs(f.value - known["V"]) for f in folds]
+    assert errors[1] < 1e-3 and errors[1] < errors[0] / 5  # a kink of the force: the error falls with H^-3
+    for V, verdict in ((torus["V"] - 0.01, "stable"), (torus["V"] + 0.01, "unstable")):
+        cycle = hb.verify(VEHICLE.vehicle(V=V), at("she", 0, V)).orbit
+        assert cycle.stability.verdict == verdict
+        assert np.abs(cycle.stability.multipliers - complex(*torus["multiplier"])).min() < 1e-3
+        assert cycle.omega == pytest.approx(torus["omega"], abs=3e-3)
