@@ -17,6 +17,7 @@ from PIL import Image
 
 import hbbogie as hb
 from hbbogie import plot
+from hbbogie.model import shipped_problems
 from hbbogie.reports import (
     Report,
     basin_of,
@@ -152,6 +153,13 @@ def released_report(module: ModuleType, system: hb.System) -> Report:
     return basin_of(module, system, along={"q1": 1.0, "q3": 1.0}, speeds=41, amplitudes=60)[0]
 
 
+def first_picture(name: str) -> Figure:
+    """Return the first picture that `hbbogie run` draws of a problem: for the gallery."""
+    module = hb.load_problem(name)
+    figures = run_of(module, module.SYSTEM()).figures
+    return next(iter(figures.values()))()
+
+
 def save(figure: Figure, name: str) -> None:
     """Write a figure as a PNG with a palette."""
     path = plot.save(figure, IMAGES / f"{name}.png")
@@ -169,6 +177,9 @@ def main(wanted: list[str]) -> None:
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)
+    for name in shipped_problems():
+        if not wanted or {"gallery", f"gallery_{name}"} & {*wanted}:
+            save(first_picture(name), f"gallery_{name}")
     module = hb.load_problem("yang1995")
     jobs: tuple[tuple[Callable[..., Report], tuple[str, ...]], ...] = (
         (run_of, ("bifurcation", "frequency", "multipliers", "harmonics", "orbits_90", "spectrum_90")),
