@@ -42,7 +42,8 @@ def commands_page() -> str:
 
     def uncut(line: re.Match[str]) -> str:
         name, start = line[1], line[2].removesuffix("...")
-        return next((f"* `{p}`: {s}" for p, s in whole.items() if p.split()[-1] == name and s.startswith(start)), line[0])
+        full = [(path, s) for path, s in whole.items() if path.split()[-1] == name and s.startswith(start)]
+        return "* `{}`: {}".format(*full[0]) if full else line[0]
 
     return re.sub(r"^\* `([a-z]+)`: (.+)$", uncut, text, flags=re.MULTILINE)
 
@@ -83,7 +84,8 @@ def problem_page(name: str) -> str:
         *rows,
     ]
     for file in files:
-        lines += ["", f"## `{file.relative_to(DOCS.parent)}`", "", f"```{{literalinclude}} ../../../{file.relative_to(DOCS.parent)}", "```"]
+        path = file.relative_to(DOCS.parent).as_posix()
+        lines += ["", f"## `{path}`", "", f"```{{literalinclude}} ../../../{path}", "```"]
     return "\n".join([*lines, ""])
 
 
@@ -132,8 +134,8 @@ def write_pages(app: Sphinx) -> None:
 def link_types(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Make the types of other packages in a docstring links into their documentation."""
     for short, full in LINKED.items():
-        for i, line in enumerate(lines):
-            lines[i] = re.sub(rf"^(\s*(?:[\w, *]+ : )?){re.escape(short)}(?=$|,| or )", rf"\1:py:class:`{short} <{full}>`", line)
+        pattern = re.compile(rf"^(\s*(?:[\w, *]+ : )?){re.escape(short)}(?=$|,| or )")
+        lines[:] = [pattern.sub(rf"\1:py:class:`{short} <{full}>`", line) for line in lines]
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
