@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import matplotlib
 
@@ -17,6 +19,7 @@ from PIL import Image
 
 import hbbogie as hb
 from hbbogie import plot
+from hbbogie.model import shipped_problems
 from hbbogie.reports import (
     Report,
     basin_of,
@@ -152,6 +155,51 @@ def released_report(module: ModuleType, system: hb.System) -> Report:
     return basin_of(module, system, along={"q1": 1.0, "q3": 1.0}, speeds=41, amplitudes=60)[0]
 
 
+def of_page(name: str) -> dict[str, Any]:
+    """Return what the code of a page computes, by name."""
+    namespace: dict[str, Any] = {"__name__": "page"}
+    for block in re.findall(r"```python\n(.*?)```", (IMAGES.parent / name).read_text("utf-8"), re.DOTALL):
+        exec(compile(block, name, "exec"), namespace)
+    return namespace
+
+
+def belt_branch() -> Figure:
+    """Draw the cycles of the mass on the belt over its speed."""
+    ax = plot.branch(of_page("howto/belt.md")["branch"], y="x")
+    return plot.figure_of(ax)
+
+
+def airfoil_branch() -> Figure:
+    """Draw the pitch of the airfoil over air speed, and the flutter speed without freeplay."""
+    page = of_page("howto/airfoil.md")
+    hopf = next(found for found in page["critical"] if found.kind == "hopf")
+    start = hb.hopf_points(page["wing"], "U", (hopf.value - 1.0, hopf.value + 1.0))[0]
+    ax = plot.branch(hb.trace(hb.exact.Exact().equations(page["wing"]), start, "U", (12.0, 20.0)), y="alpha")
+    ax.axvline(page["flutter"].value, color="#888888", lw=0.8, ls=":")
+    ax.set_ylim(-0.005, 0.12)
+    return plot.figure_of(ax)
+
+
+def oregonator() -> Figure:
+    """Draw both concentrations of the Oregonator over two periods."""
+    cycle = of_page("howto/oregonator.md")["cycle"]
+    t = np.linspace(0.0, 2 * cycle.period, 3000)
+    figure, ((ax,),) = plot.panels(1, 1)
+    for values, name in zip(cycle.q(t).T, ("x, bromous acid", "z, oxidised catalyst"), strict=True):
+        ax.plot(t, values, label=name)
+    ax.set_xlabel("time [1]")
+    ax.set_ylabel("concentration [1]")
+    ax.legend()
+    return figure
+
+
+def first_picture(name: str) -> Figure:
+    """Return the first picture that `hbbogie run` draws of a problem: for the gallery."""
+    module = hb.load_problem(name)
+    figures = run_of(module, module.SYSTEM()).figures
+    return next(iter(figures.values()))()
+
+
 def save(figure: Figure, name: str) -> None:
     """Write a figure as a PNG with a palette."""
     path = plot.save(figure, IMAGES / f"{name}.png")
@@ -165,10 +213,13 @@ def main(wanted: list[str]) -> None:
     """Draw the figures whose names are given, or all."""
     IMAGES.mkdir(exist_ok=True)
     own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, circuit_branches, bogie_basin]
-    own += [attraction, bogie_chart, bogie_cusps, conicity]
+    own += [attraction, bogie_chart, bogie_cusps, conicity, belt_branch, airfoil_branch, oregonator]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)
+    for name in shipped_problems():
+        if not wanted or {"gallery", f"gallery_{name}"} & {*wanted}:
+            save(first_picture(name), f"gallery_{name}")
     module = hb.load_problem("yang1995")
     jobs: tuple[tuple[Callable[..., Report], tuple[str, ...]], ...] = (
         (run_of, ("bifurcation", "frequency", "multipliers", "harmonics", "orbits_90", "spectrum_90")),

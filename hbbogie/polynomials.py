@@ -91,7 +91,7 @@ def evaluated(mesh: Array, values: Array, s: Array, derivative: int = 0) -> Arra
 
     Returns
     -------
-    ndarray, shape (*s.shape, n)
+    ndarray, shape of s with n more at its end
     """
     flat, h = np.ravel(s), np.diff(mesh)
     i = np.clip(np.searchsorted(mesh, flat, side="right") - 1, 0, len(h) - 1)
