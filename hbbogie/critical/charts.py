@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hbbogie.branches.choice import chosen_methods
 from hbbogie.branches.continuation import trace
 from hbbogie.critical.fold_curve import FoldCurve
-from hbbogie.critical.following import Followed, Test, both_ways, follow, passes, plane, unresolved
+from hbbogie.critical.following import Followed, Test, both_ways, follow, not_covered, passes, plane, unresolved
 from hbbogie.critical.hopf_curve import HopfCurve
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door, whole
@@ -237,7 +237,7 @@ class _Search:
         hopf = tuple(self._hopf_curve(found) for found in self.hopf)
         folds = tuple(map(self._fold_curve, self.folds))
         self.notes += filter(None, (unresolved(found, self.names[1]) for found in self.folds))
-        ranges = [_gaps(curves, self.interval) for curves in (folds, hopf)]
+        ranges = [not_covered(curves, self.interval) for curves in (folds, hopf)]
         system, (name, over) = self.equations.system, self.names
         units = [system.parameter(n).unit for n in self.names]
         within = f"with {name} from {self.span[0]:g} to {self.span[1]:g} {_shown(units[0])}".rstrip()
@@ -335,19 +335,6 @@ def _shown(unit: str) -> str:
 def _direction(onset: float) -> str:
     side = "subcritical" if onset > 0 else "supercritical"
     return side if abs(onset) >= UNDECIDED else "undecided"
-
-
-def _gaps(curves: Sequence[CriticalCurve], interval: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    """Return the parts of an interval that no curve covers."""
-    low, high = interval
-    slack, reached, gaps = 1e-6 * (high - low), low, []
-    for a, b in sorted(curve.extent for curve in curves):
-        if a > reached + slack:
-            gaps.append((reached, a))
-        reached = max(reached, b)
-    if high > reached + slack:
-        gaps.append((reached, high))
-    return tuple(gaps)
 
 
 def _curve(kind: str, planes: Array, **others: Any) -> CriticalCurve:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.results import SpecialPoint
+from hbbogie.results.chart import CriticalCurve
 from hbbogie.results.ending import Ending
 from hbbogie.solving.arclength import distance, landing, located, walk
 from hbbogie.solving.curve import Point
@@ -138,3 +139,16 @@ def unresolved(found: Followed, name: str) -> str:
         f"On a curve of folds {len(over)} of {len(found.points)} are not resolved and perhaps not there, for "
         f"{name} from {min(over):.6g} to {max(over):.6g}; take more harmonics."
     )
+
+
+def not_covered(curves: Sequence[CriticalCurve], interval: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+    """Return the parts of an interval that no curve covers."""
+    low, high = interval
+    slack, reached, gaps = 1e-6 * (high - low), low, []
+    for a, b in sorted(curve.extent for curve in curves):
+        if a > reached + slack:
+            gaps.append((reached, a))
+        reached = max(reached, b)
+    if high > reached + slack:
+        gaps.append((reached, high))
+    return tuple(gaps)
