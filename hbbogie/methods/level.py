@@ -41,7 +41,36 @@ def within_level(equations: Equations, orbit: Orbit) -> Equations:
     places = _dependent(equations, orbit, len(rows)) if len(rows) else np.empty(0, dtype=int)
     if not len(places) or len(places) != len(rows):
         return equations
-    return _replaced(equations, places, rows, rows @ orbit.coefficients[0], size)
+    return _at_level(equations, places, rows, rows @ orbit.coefficients[0], size)
+
+
+def within_family(equations: Equations, orbit: Orbit, amplitude: float, **fixed: float) -> Equations:
+    """Return equations of the cycles of a family that have a given amplitude.
+
+    Where something is conserved, whether it is known or not, one combination of the equations follows from the others
+    at every cycle. The one with the least singular value at the orbit is replaced by the cosine of the first harmonic
+    of the coordinate that sets the phase. That the combination is zero at a solution must be checked with the equations
+    themselves: where nothing is conserved it is not.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of cycles that do not run on.
+    orbit : Orbit
+        Near the cycle.
+    amplitude : float, unit of the coordinate
+    **fixed : float
+        Parameter values.
+    """
+    m, place = equations.size, equations.leading
+    assert place is not None
+    z, p = equations.encode(orbit), equations.system.vector(**fixed)
+    J = equations.derivatives(())(z, p)[1].full() / equations.residual_scale[:, None] * equations.scale
+    psi = np.linalg.svd(J)[0][:, -1]
+    kept = np.eye(m) - np.outer(psi * equations.residual_scale, psi / equations.residual_scale)
+    slopes, weights = np.zeros((m, m)), psi * equations.residual_scale / equations.scale[place]
+    slopes[:, place] = weights
+    return _replaced(equations, ca.DM(kept), slopes, weights * amplitude, equations.residual_scale, equations.rows)
 
 
 def _dependent(equations: Equations, orbit: Orbit, count: int) -> NDArray[np.int_]:
@@ -75,7 +104,7 @@ def _dependent(equations: Equations, orbit: Orbit, count: int) -> NDArray[np.int
     return means[chosen]
 
 
-def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held: Array, size: Array) -> Equations:
+def _at_level(equations: Equations, places: NDArray[np.int_], rows: Array, held: Array, size: Array) -> Equations:
     """Return the equations with some replaced by values of conserved quantities, which are linear in the means."""
     m, names = equations.size, equations.system.coordinate_names
     kept, slopes = np.ones(m), np.zeros((m, m))
@@ -91,7 +120,14 @@ def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held:
     residual_scale[places] = np.where(sizes > 0, sizes, 1.0)
     for place, row in zip(places, rows, strict=True):
         labels[place] = f"level of {expression(row, names)}"
-    once = Once()
+    return _replaced(equations, ca.diag(ca.DM(kept)), slopes, offset, residual_scale, tuple(labels))
+
+
+def _replaced(
+    equations: Equations, kept: ca.DM, slopes: Array, offset: Array, residual_scale: Array, rows: tuple[str, ...]
+) -> Equations:
+    """Return the equations kept F + slopes z - offset = 0."""
+    m, once = equations.size, Once()
     z, p = ca.MX.sym("z", m), ca.MX.sym("p", equations.residual.size1_in(1))
     multipliers = ca.MX.sym("multipliers", m)
     level = ca.mtimes(ca.DM(slopes), z) - offset
@@ -99,8 +135,8 @@ def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held:
     def derivatives(free: tuple[int, ...]) -> ca.Function:
         def build() -> ca.Function:
             F, J = equations.derivatives(free)(z, p)
-            J = ca.repmat(kept, 1, m + len(free)) * J + np.hstack([slopes, np.zeros((m, len(free)))])
-            return ca.Function("dF", [z, p], [kept * F + level, ca.densify(J)], ["z", "p"], ["F", "J"])
+            J = ca.mtimes(kept, J) + np.hstack([slopes, np.zeros((m, len(free)))])
+            return ca.Function("dF", [z, p], [ca.mtimes(kept, F) + level, ca.densify(J)], ["z", "p"], ["F", "J"])
 
         return once(("derivatives", free), build)
 
@@ -108,15 +144,16 @@ def _replaced(equations: Equations, places: NDArray[np.int_], rows: Array, held:
         """Return a function of the multipliers, to which the added linear equations contribute nothing."""
         inputs = [z, p, multipliers]
         names = ["z", "p", "multipliers"]
-        return once(key, lambda: ca.Function(output, inputs, [function()(z, p, kept * multipliers)], names, [output]))
+        pull = ca.mtimes(kept.T, multipliers)
+        return once(key, lambda: ca.Function(output, inputs, [function()(z, p, pull)], names, [output]))
 
     return replace(
         equations,
-        residual=ca.Function("F", [z, p], [kept * equations.residual(z, p) + level]),
+        residual=ca.Function("F", [z, p], [ca.mtimes(kept, equations.residual(z, p)) + level]),
         derivatives=derivatives,
         hessian=lambda free: pulled(("hessian", free), lambda: equations.hessian(free), "H"),
         sensitivity=lambda: pulled("sensitivity", equations.sensitivity, "L_p"),
-        rows=tuple(labels),
+        rows=rows,
         residual_scale=residual_scale,
         with_phase=None,
         once=once,

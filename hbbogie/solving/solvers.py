@@ -17,6 +17,7 @@ from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving import optimum
 from hbbogie.solving.expressions import CycleFunction, CycleLimit
+from hbbogie.solving.family import asked, in_family
 from hbbogie.solving.newton import Conditions, Problem, newton
 from hbbogie.solving.optimum import Optimum
 from hbbogie.solving.program import nonlinear_program
@@ -108,7 +109,8 @@ def solve(
         Name of the parameter to be found, which requires ``amplitude``, or names of the parameters over which to
         minimise.
     amplitude : mapping of one coordinate name to float, optional
-        First-harmonic amplitude of that coordinate, in its unit.
+        First-harmonic amplitude of that coordinate, in its unit. Without ``free`` the cycle is one of a family, as of a
+        conservative system, which has cycles of every amplitude at the same parameter values.
     minimise : callable, optional
         `Cycle` -> scalar expression, such as ``lambda cycle: cycle.parameter("V")`` for a fold. The result is the cycle
         near the guess at which it is smallest; see `hbbogie.solving.minimise`.
@@ -158,6 +160,8 @@ def solve(
         return equations.solve(guess, **fixed)
     equations = within_level(equations.phased(guess), guess)
     tolerance = positive("solve: tolerance", tolerance, "1")
+    if amplitude is not None and free is None and minimise is None:
+        return in_family(equations, guess, amplitude, tolerance, **fixed)
     if minimise is not None:
         if amplitude is not None or free is None or method != "auto":
             raise ModelError("solve: minimise= combines only with free= and subject_to=; omit amplitude= and method=.")
@@ -197,20 +201,15 @@ def _conditions(
     equations: Equations, free: str | None, amplitude: Mapping[str, float] | None, fixed: Mapping[str, float]
 ) -> tuple[Conditions, float]:
     system = equations.system
-    if (free is None) != (amplitude is None):
-        raise ModelError(
-            f"solve: got free={free!r} and amplitude={amplitude!r}; give both (the amplitude to reach and the "
-            "parameter to find) or neither."
-        )
-    if free is None or amplitude is None:
+    if free is None:
         return Conditions(), 0.0
-    if len(amplitude) != 1:
-        raise ModelError(f"solve: amplitude={dict(amplitude)!r}; give one coordinate, such as {{'q1': 0.01}}.")
+    if amplitude is None:
+        raise ModelError(
+            f"solve: got free={free!r} without amplitude=; give the amplitude to reach, or leave free out."
+        )
     if free in fixed:
         raise ModelError(f"solve: parameter {free!r} is asked to be both free and fixed; leave one out.")
-    (name, value), _ = next(iter(amplitude.items())), system.parameter(free)
-    if not np.isfinite(value) or value <= 0:
-        raise ModelError(f"solve: amplitude of {name!r} is {value!r}; give a positive number.")
+    (name, value), _ = asked(amplitude), system.parameter(free)
     if equations.phase is None:
         raise ModelError("solve: an equilibrium (harmonics 0) has no amplitude; ask for at least one harmonic.")
     return Conditions((system.parameter_names.index(free),), system.index(name)), float(value)
