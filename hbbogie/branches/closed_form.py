@@ -9,15 +9,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie import fourier
 from hbbogie.branches.criticality import onset
-from hbbogie.errors import ModelError
 from hbbogie.exact.bifurcations import TURNS, multiplier_crossings
 from hbbogie.exact.changes import sound
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of, gradients
 from hbbogie.exact.method import ExactEquations
 from hbbogie.exact.points import Point
-from hbbogie.exact.starting import at_grazing, exact_cycle, orbit_of, settled
+from hbbogie.exact.starting import at_grazing, cycle_of, exact_cycle, orbit_of, settled
+from hbbogie.exact.switching import onward
 from hbbogie.exact.walk import TOLERANCE, Walk, follow
 from hbbogie.model.ranges import check_start
 from hbbogie.model.system import System
@@ -30,7 +31,9 @@ from hbbogie.results.orbit import Orbit
 Array = NDArray[np.float64]
 
 SAME = 1e-12  # relative distance of two values that are one
+BEGINNING = ("pitchfork", "period doubling")  # special points at which another branch begins
 MOST = 400  # points of a branch
+REPEATS = 1e-6  # distance, relative to the largest value, up to which two halves of a period are one
 ROUND_OFF = 1e-11  # relative error of an exact fold
 
 
@@ -72,20 +75,45 @@ def exact_trace(
 ) -> Branch:
     """Follow a branch of exact cycles from a Hopf point, or in both directions from a cycle; see `trace`."""
     special = start if isinstance(start, SpecialPoint) else None
-    if special is not None and special.onward is not None:
-        raise ModelError(
-            f"trace: the branch that begins at a {special.kind} is not followed in closed form; follow it with "
-            "HarmonicBalance(...).equations(system), and take one of its orbits as the start."
-        )
-    origin = equations.at(special.orbit if special is not None else start, parameter)  # type: ignore[arg-type]
+    first = start if special is None else special.onward or special.orbit
+    origin = equations.at(first, parameter)  # type: ignore[arg-type]
     check_start(parameter, origin.parameters[parameter], interval)
     if special is not None and special.kind == "hopf":
         special = replace(special, orbit=origin)
         walk = exact_walk(equations.system, special, interval, most)
         there = equations.system.with_parameters(**{parameter: special.value})
         return exact_branch(walk, onset(special, there, [point.value for point in walk.points[:2]]))
-    walk = exact_walk_through(equations.system, origin, parameter, interval, most)
+    if special is not None and special.onward is not None:
+        walk = _walk_away(equations.system, special, origin, interval, most)
+    else:
+        walk = exact_walk_through(equations.system, origin, parameter, interval, most)
     return _branch(walk.points, parameter, (), (walk.beginning, walk.end))
+
+
+def _walk_away(
+    system: System, special: SpecialPoint, onward: Orbit, interval: tuple[float, float], most: int
+) -> Walk:
+    """Follow the exact cycles of the branch that begins at a special point away from it."""
+    point = exact_cycle(system, onward, special.parameter)
+    _check_left(point, special)
+    away = point if point.direction * (point.value - special.value) > 0 else point.turned()
+    began = f"began at the {special.kind} at {special.parameter} = {special.value:.9g}"
+    began += "; its mirror image is another branch" if special.kind == "pitchfork" else ""
+    return replace(follow(away, interval, most=most), beginning=Ending("began", began))
+
+
+def _check_left(point: Point, special: SpecialPoint) -> None:
+    """Raise `ConvergenceError` where a cycle lies on the branch of a special point, and not on that which begins there.
+
+    A cycle of that branch goes on after half its period as before, at a pitchfork with the opposite sign.
+    """
+    sign = -1 if special.kind == "pitchfork" else 1
+    first, second = np.split(cycle_of(point).at(fourier.phases(512)), 2)
+    if np.abs(first - sign * second).max() <= REPEATS * np.abs(first).max():
+        raise ConvergenceError(
+            f"system {special.orbit.system!r}: from the {special.kind} at {special.parameter} = {special.value:.9g} "
+            "the exact method comes back to the branch on which it lies; locate it with Exact().equations(system)."
+        )
 
 
 def exact_fold(equations: ExactEquations, guess: Orbit, parameter: str) -> Critical:
@@ -164,7 +192,9 @@ def _branch(
     for crossing in multiplier_crossings(points, verdicts):
         orbit = orbit_of(crossing.point)
         value = crossing.point.value
-        found = SpecialPoint(crossing.kind, parameter, value, crossing.interval, orbit, crossing.status)
+        ahead = onward(crossing.point) if crossing.kind in BEGINNING else None
+        guess = None if ahead is None else orbit_of(ahead).replace(method=f"exact, next to a {crossing.kind}")
+        found = SpecialPoint(crossing.kind, parameter, value, crossing.interval, orbit, crossing.status, guess)
         rows.append((crossing.before + 0.5, orbit, found))
     rows.sort(key=lambda row: row[0])
     met = tuple(found for _, _, found in rows if found is not None)

@@ -12,8 +12,10 @@ from hbbogie.collocation.method import CollocationEquations
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.special import Special, judged
 from hbbogie.collocation.starting import from_orbit
+from hbbogie.collocation.switching import onward
 from hbbogie.collocation.walk import Followed, follow
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.parts import is_odd
 from hbbogie.model.ranges import check_interval, check_start
 from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
@@ -21,6 +23,7 @@ from hbbogie.results.critical import Critical
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
 
+BEGINNING = ("branch point", "pitchfork", "period doubling")  # special points at which another branch begins
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle
 SMALLEST = 1e-3  # amplitude of the first cycle from a Hopf point, relative to the mean of each coordinate
 NEAR = 0.05  # share of a fold's value, or of 1, over which it is looked for
@@ -117,10 +120,13 @@ def branch_of(followed: Followed, system: System, start: Orbit | SpecialPoint, *
 
 def _special(found: Special, system: System, parameter: str) -> SpecialPoint:
     orbit, kind, status = found.cycle.orbit(), found.kind, found.status
-    if kind == "branch point" and system.odd and orbit.is_odd(NEARLY_ODD):
+    odd = system.odd or is_odd(system.dynamics, system.vector(**orbit.parameters))
+    if kind == "branch point" and odd and orbit.is_odd(NEARLY_ODD):
         kind, status = "pitchfork", status.replace("another branch crosses", "the symmetry breaks")
     interval = found.value - found.error, found.value + found.error
-    return SpecialPoint(kind, parameter, found.value, interval, orbit, status, extremum=found.extremum)
+    ahead = onward(found) if kind in BEGINNING else None
+    guess = None if ahead is None else ahead.orbit().replace(method=f"collocation, next to a {kind}")
+    return SpecialPoint(kind, parameter, found.value, interval, orbit, status, guess, extremum=found.extremum)
 
 
 def collocated_fold(equations: CollocationEquations, guess: Orbit | SpecialPoint, parameter: str) -> Critical:

@@ -58,9 +58,9 @@ def trace(
     Parameters
     ----------
     equations : Equations, ExactEquations or CollocationEquations
-        In closed form step lengths are chosen from the curvature, every cycle is judged, and branches that begin at
-        special points other than Hopf points are not followed. By collocation the tolerance is that given there, and
-        families do not occur.
+        In closed form step lengths are chosen from the curvature, every cycle is judged, and of the branch that begins
+        at a pitchfork or a period doubling one half is followed: the other is its mirror image, or the same cycles. By
+        collocation the tolerance is that given there, and families do not occur.
     start : Orbit, SpecialPoint, Trajectory, mapping from name to value or ndarray
         A cycle on or near the branch, or a state: the motion from it leads to the cycle. From a Hopf point the branch
         is followed towards growing amplitude, beginning where a gap first closes if the system is linear until then;

@@ -87,8 +87,8 @@ def bifurcation_diagram(
     parameter : str
     interval : (float, float), unit of the parameter
     method : {"mhb", "auto", "exact", "collocation"}
-        "exact" follows the branches in closed form and "collocation" as piecewise polynomials. They do not follow what
-        begins at special points, nor families of conservative systems. "auto" is "exact" where the system is linear
+        "exact" follows the branches in closed form and "collocation" as piecewise polynomials, without the families of
+        conservative systems. "auto" is "exact" where the system is linear
         between switchings, else "mhb".
     harmonics : int or "auto"
         Highest harmonic of "mhb". "auto" begins with 15 and doubles, up to 127, until the error estimate by shooting of
@@ -163,15 +163,12 @@ class _About:
         for cycle in cycles if inside else ():
             if not any(_near(branch, cycle) for branch in branches):
                 branches += self.one(equations, cycle, stability, notes)
-        return Diagram(
-            self.parameter,
-            self.interval,
-            self.hopf,
-            _named("branch", branches),
-            {},
-            cycles,
-            tuple(dict.fromkeys(notes)),
-        )
+        named = _named("branch", branches)
+        for kind in {s.kind for b in branches for s in b.special if s.onward is not None}:
+            starts = [s for b in branches for s in b.special if s.kind == kind and s.onward is not None]
+            beyond = [b for start in starts for b in self.one(equations, start, stability, notes)]
+            named |= _named(kind.replace(" ", "_"), beyond)
+        return Diagram(self.parameter, self.interval, self.hopf, named, {}, cycles, tuple(dict.fromkeys(notes)))
 
     def one(
         self,

@@ -33,6 +33,8 @@ class Special:
     kind : {"fold", "branch point", "period doubling", "Neimark-Sacker"}
     curve : OnMeshCurve
     point : Point
+    chord : ndarray
+        From the point before it to the one behind, in scaled unknowns.
     value, error : float, unit of the parameter
     extremum : {"minimum", "maximum", ""}
     status : str
@@ -45,6 +47,7 @@ class Special:
     kind: str
     curve: OnMeshCurve
     point: Point
+    chord: Array
     value: float
     error: float
     extremum: str
@@ -129,7 +132,8 @@ def _located(curve: OnMeshCurve, kind: str, a: Point, b: Point, size: float) -> 
         status = description(kind, values[np.argmin(np.abs(values + 1))], half=False)
     else:
         status = f"another branch crosses; smallest singular value {left:.1e} where located"
-    return Special(kind, curve, point, value, reach, extremum, status, curvature)
+    chord = (b.u - a.u) / curve.scale
+    return Special(kind, curve, point, chord, value, reach, extremum, status, curvature)
 
 
 def fold_gradient(curve: OnMeshCurve, point: Point) -> dict[str, float]:

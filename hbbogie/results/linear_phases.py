@@ -20,6 +20,7 @@ HIGHEST = 61  # highest harmonic of a series that shows the motion: it has kinks
 FINE = 64  # smallest number of samples of a phase
 MOST = 1 << 16  # and the largest
 DEGREE = 14  # of the Taylor polynomial from one sample to the next
+TURNED = 1e-8  # share of a step to which a turning point is found: the value there is good to the square of it
 GAUSS = 16  # quadrature points in a piece of a phase
 PIECE = 3.0  # longest piece, measured by the size of A h and by the phase of the highest harmonic
 
@@ -129,17 +130,19 @@ class LinearPhases:
         """Smallest and largest value of each coordinate, each of shape (n,)."""
         every = np.concatenate([*self.samples, self.nodes[-1:]])
         lowest, highest = every[:, : self.n].min(axis=0), every[:, : self.n].max(axis=0)
-        for phase, own in enumerate(self.samples):
-            x = np.vstack([own, self.nodes[phase + 1]])
-            rate = (x @ self.matrices[phase].T)[:, : self.n]
-            j, i = np.nonzero(rate[:-1] * rate[1:] < 0)
-            if len(j):
-                turning = self._turning(phase, x[j], i, self.durations[phase] / len(own))
-                np.minimum.at(lowest, i, turning)
-                np.maximum.at(highest, i, turning)
         if self.sigma < 0:
             lowest, highest = np.minimum(lowest, -highest), np.maximum(highest, -lowest)
-        return lowest, highest
+        for phase, own in enumerate(self.samples):
+            x, step = np.vstack([own, self.nodes[phase + 1]]), self.durations[phase] / len(own)
+            q, rate = x[:, : self.n], (x @ self.matrices[phase].T)[:, : self.n]
+            rise = step * np.maximum(np.abs(rate[:-1]), np.abs(rate[1:]))  # no turning point lies farther beyond
+            beyond = np.maximum(q[:-1], q[1:]) + rise >= highest, np.minimum(q[:-1], q[1:]) - rise <= lowest
+            j, i = np.nonzero((rate[:-1] * rate[1:] < 0) & (beyond[0] | beyond[1]))
+            if len(j):
+                turning = self._turning(phase, x[j], i, step)
+                np.minimum.at(lowest, i, turning)
+                np.maximum.at(highest, i, turning)
+        return (np.minimum(lowest, -highest), np.maximum(highest, -lowest)) if self.sigma < 0 else (lowest, highest)
 
     def _turning(self, phase: int, x: Array, i: NDArray[np.int_], step: float) -> Array:
         """Return coordinates i where their rates vanish within one step after states x, by safeguarded Newton."""
@@ -155,7 +158,7 @@ class LinearPhases:
             new = t - np.divide(first, second, out=np.full_like(t, np.inf), where=second != 0)
             new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
             moved, t = np.abs(new - t) / step, new
-            if moved.max() < 1e-12:
+            if moved.max() < TURNED:
                 break
         return np.asarray(here[k, i])
 

@@ -15,7 +15,7 @@ from hbbogie.brief import lines
 from hbbogie.errors import named
 from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.netcdf import read, write
-from hbbogie.results.periodic import FourierSeries, PeriodicMotion
+from hbbogie.results.periodic import FourierSeries, PeriodicMotion, series_of
 from hbbogie.results.pictures import draw, page
 from hbbogie.results.stability import Stability
 from hbbogie.results.stored import labels_of, names_of, pack, unpack_motions, unpack_verdict
@@ -85,8 +85,8 @@ class Orbit:
     advance: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if isinstance(self.motion, np.ndarray):
-            object.__setattr__(self, "motion", FourierSeries(np.asarray(self.motion, dtype=float)))
+        if not hasattr(self.motion, "at"):  # Fourier coefficients
+            object.__setattr__(self, "motion", series_of(self.motion))
 
     @property
     def H(self) -> int:
@@ -219,7 +219,7 @@ class Orbit:
         ``motion``, in whichever form that was.
         """
         if "coefficients" in changes:
-            changes["motion"] = FourierSeries(np.asarray(changes.pop("coefficients"), dtype=float))
+            changes["motion"] = series_of(changes.pop("coefficients"))
         return replace(self, **changes)
 
     @property

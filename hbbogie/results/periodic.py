@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.brief import brief
+from hbbogie.errors import ModelError, told
 
 Array = NDArray[np.float64]
 HALVES = 512  # pairs of phases half a period apart at which a motion that is no series is compared with itself
@@ -96,6 +97,21 @@ class FourierSeries:
     def is_odd(self, tolerance: float) -> bool:
         """Tell whether mean and even harmonics vanish, relative to the largest coefficient."""
         return fourier.is_odd(self.c, tolerance)
+
+
+def series_of(given: Any) -> FourierSeries:
+    """Return the series of an array of coefficients; raise `ModelError` unless it has the shape (2 H + 1, n)."""
+    try:
+        c = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        c = np.empty(0)
+    if c.ndim != 2 or len(c) % 2 == 0:
+        got = f"an array of shape {np.shape(given)}" if isinstance(given, np.ndarray) else told(given)
+        raise ModelError(
+            f"Orbit: got {got} as its motion; give Fourier coefficients, an array of shape (2 H + 1, n) with mean, "
+            "cos 1, sin 1, ... of n coordinates, or the motion of another orbit."
+        )
+    return FourierSeries(c)
 
 
 def repeats_with_opposite_sign(motion: PeriodicMotion, tolerance: float) -> bool:

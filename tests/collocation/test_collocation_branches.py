@@ -101,6 +101,31 @@ def test_period_doublings():
     assert doubling.value == pytest.approx(0.63030200616, abs=1e-9)
 
 
+def test_branches_that_begin_at_special_points():
+    """PUBLISHED pitchfork of the symmetric circuit; beyond it lie two asymmetric cycles. Roessler's doubled cycles."""
+    circuit = load_problem("circuit")
+    system = circuit.circuit(**circuit.SYMMETRIC)
+    equations = Collocation().equations(system)
+    (hopf, *_) = hb.hopf_points(system, "v", (-0.65, -0.57))
+    symmetric = hb.trace(equations, hopf, "v", (-0.6, -0.57))
+    (fork,) = (s for s in symmetric.special if s.kind == "pitchfork")
+    assert fork.value == pytest.approx(-0.587028974, abs=5e-10)
+    broken = hb.trace(equations, fork, "v", (-0.6, -0.57))
+    one, other = broken.orbits[0], broken.orbits[-1]
+    assert one.parameters["v"] == other.parameters["v"] == pytest.approx(-0.6)
+    assert one.mean("x") == pytest.approx(-other.mean("x"), rel=1e-6) and abs(one.mean("x")) > 0.05
+    assert one.omega == pytest.approx(other.omega, rel=1e-9)
+    system = roessler(c=2.5)
+    equations = Collocation().equations(system)
+    cycle = equations.cycle(from_motion(system, [1.0, 1.0, 0.0])).orbit()
+    (doubling,) = (s for s in hb.trace(equations, cycle, "c", (2.4, 3.0)).special if s.kind == "period doubling")
+    doubled = hb.trace(equations, doubling, "c", (2.4, 3.0))
+    assert doubled.orbits[0].period == pytest.approx(2 * doubling.orbit.period, rel=1e-2)
+    assert doubled.values.min() == pytest.approx(doubling.value, rel=1e-8) and doubled.verdicts[0] == "stable"
+    truth = hb.verify(system, doubled.orbits[0])
+    assert truth.orbit.omega == pytest.approx(doubled.orbits[0].omega, rel=1e-8)
+
+
 def test_fold_with_its_gradient_is_that_of_harmonic_balance():
     """Bautin: mu = -a^2 / 4, d mu / d a = -a / 2."""
     system = load_problem("bautin").bautin(a=1.0)

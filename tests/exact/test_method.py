@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import hbbogie as hb
+from hbbogie import fourier
 from hbbogie.exact import Exact
 from hbbogie.model import DeadBand, Saturation
 
@@ -93,6 +96,58 @@ class TestChua:
         assert near == pytest.approx(exact, rel=1e-6)
         for b in (branch, one):  # alpha rises along the branch, where the equilibrium has lost its stability
             assert next(s for s in b.special if s.kind == "hopf").criticality == "supercritical"
+
+    def test_branch_of_the_doubled_cycles(self, chua_branches):
+        """They begin with twice the period, go apart as the root of the distance, and are closed by shooting."""
+        system, (one, _) = chua_branches
+        (doubling,) = (s for s in one.special if s.kind == "period doubling")
+        branch = hb.trace(Exact().equations(system), doubling, "alpha", (6.0, 8.5))
+        assert branch.ends[0].kind == "began" and "period doubling" in str(branch.ends[0])
+        assert branch.orbits[0].period == pytest.approx(2 * doubling.orbit.period, rel=1e-4)
+        apart, away = [], branch.values - doubling.value
+        for orbit in branch:
+            first, second = np.split(orbit.at(fourier.phases(256)), 2)
+            apart.append(np.abs(first - second).max())
+        near = (away > 0) & (away < 0.02)
+        slope = np.polyfit(np.log(away[near]), np.log(np.array(apart)[near]), 1)[0]
+        assert slope == pytest.approx(0.5, abs=0.05)
+        truth = hb.verify(system, branch.orbits[2])
+        assert truth.orbit.omega == pytest.approx(branch.orbits[2].omega, rel=1e-10)
+        assert truth.orbit.stability.verdict == branch.orbits[2].stability.verdict == "stable"
+        assert [s.kind for s in branch.special] == ["period doubling"]  # the next one of the cascade
+
+    def test_a_guess_that_leads_back_is_refused(self, chua_branches):
+        system, (one, _) = chua_branches
+        (doubling,) = (s for s in one.special if s.kind == "period doubling")
+        beside = hb.solve(Exact().equations(system), doubling.orbit, alpha=8.1)
+        again = beside.replace(coefficients=_passed_twice(beside), omega=beside.omega / 2)
+        with pytest.raises(hb.ConvergenceError, match="comes back to the branch"):
+            hb.trace(Exact().equations(system), replace(doubling, onward=again), "alpha", (6.0, 8.5))
+
+
+def _passed_twice(orbit: hb.Orbit) -> np.ndarray:
+    c = np.zeros((4 * orbit.H + 1, len(orbit.coordinates)))
+    c[0] = orbit.coefficients[0]
+    c[3::4], c[4::4] = orbit.coefficients[1::2], orbit.coefficients[2::2]
+    return c
+
+
+def test_pitchfork_of_an_odd_system():
+    """The circuit of Freire et al. with dead bands for its cubics: mean values grow from zero as the root."""
+    x, y, z, v = C("x"), C("y"), C("z"), P("v", -0.59)
+    first, second = hb.Element("first", DeadBand(0.6, 0.3), x), hb.Element("second", DeadBand(1.5, 0.3), y - x)
+    equations = [0.6 * x.dot + (0.5 + v) * x - 0.5 * y + first - second, y.dot - 0.5 * x - 0.1 * y + z + second]
+    system = hb.System("corners", [x, y, z], [v], [*equations, z.dot - y], [first, second])
+    exact = Exact().equations(system)
+    (hopf,) = hb.hopf_points(system, "v", (-0.65, -0.5))
+    (fork,) = (s for s in hb.trace(exact, hopf, "v", (-0.65, -0.5)).special if s.kind == "pitchfork")
+    branch = hb.trace(exact, fork, "v", (-0.65, -0.5))
+    assert "mirror image" in str(branch.ends[0])
+    means, away = np.array([abs(o.mean("x")) for o in branch]), np.abs(branch.values - fork.value)
+    assert np.log(means[2] / means[0]) / np.log(away[2] / away[0]) == pytest.approx(0.5, abs=0.05)
+    truth = hb.verify(system, branch.orbits[4])
+    assert truth.orbit.omega == pytest.approx(branch.orbits[4].omega, rel=1e-10)
+    assert truth.orbit.stability.verdict == branch.orbits[4].stability.verdict
 
 
 class TestTwoContacts:

@@ -130,3 +130,9 @@ def test_figures_draw_the_motion(relaxation):
     assert np.abs(np.diff(x)).max() < 0.2
     t, x = plot.waveform(relaxation).lines[0].get_data()
     assert np.abs(np.diff(x)).max() < 0.2 and t[-1] == pytest.approx(relaxation.period)
+
+
+@pytest.mark.parametrize("motion", [None, np.zeros(3), np.zeros((4, 1)), "wave", {"x": 1.0}])
+def test_what_is_no_motion(motion):
+    with pytest.raises(hb.ModelError, match=r"give Fourier coefficients, an array of shape \(2 H \+ 1, n\)"):
+        Orbit("s", ("x",), ("m",), motion, 1.0, {})
