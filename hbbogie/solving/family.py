@@ -55,8 +55,8 @@ def in_family(
         equations = equations.with_phase(name, system)
     if equations.leading is None or equations.phase != place:
         raise ModelError(
-            f"solve: the cycle of a family with an amplitude of {name!r} is asked for, which must set the phase; it does "
-            "not where it runs on, and elsewhere HarmonicBalance(..., phase=name) lets it."
+            f"solve: the cycle of a family with an amplitude of {name!r} is asked for, which must set the phase; it "
+            "does not where it runs on, and elsewhere HarmonicBalance(..., phase=name) lets it."
         )
     p, first = system.vector(**fixed), guess.first_harmonic(name)
     for steps in STEPS:
@@ -77,7 +77,7 @@ def in_family(
                 orbit=orbit,
             )
     raise ConvergenceError(
-        f"no cycle of {system.name!r} with a first harmonic of {target:g} in {name} was found ({equations.method}), the "
-        f"scaled residual is {error:.2g}; begin with a cycle of an amplitude closer to it, or take more harmonics.",
+        f"no cycle of {system.name!r} with a first harmonic of {target:g} in {name} was found ({equations.method}), "
+        f"the scaled residual is {error:.2g}; begin with a cycle of an amplitude closer to it, or take more harmonics.",
         orbit=orbit,
     )
