@@ -189,7 +189,7 @@ def _by(method: str, census: Census, found: list[Orbit], orders: tuple[int, ...]
             try:
                 near = _near(method, census.system, orbit, H)
             except FAILURES as error:
-                failed = f"{method} does not give the cycle of period {orbit.period:.6g} s{_hint(method, H)}: {error}"
+                failed = f"{_what(method, H)} the cycle of period {orbit.period:.6g} s: {error}"
                 continue
             if orders[-1] == H or (near.errors or {}).get("waveform", np.inf) <= tolerance or method != "mhb":
                 kept.append(near)
@@ -201,8 +201,11 @@ def _by(method: str, census: Census, found: list[Orbit], orders: tuple[int, ...]
     return kept
 
 
-def _hint(method: str, H: int) -> str:
-    return f" with harmonics up to {H} (ask for more with harmonics=...)" if method == "mhb" else ""
+def _what(method: str, H: int) -> str:
+    """Return what a method fails to do, the beginning of a sentence."""
+    if method != "mhb":
+        return f"the method {method!r} does not lead to"
+    return f"harmonics up to {H} (ask for more with harmonics=...) do not resolve"
 
 
 def _near(method: str, system: System, orbit: Orbit, H: int) -> Orbit:

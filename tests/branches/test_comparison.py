@@ -109,7 +109,7 @@ class TestClosedForm:
             compare(hb.load_problem("bautin").bautin(), ("exact",), (-0.2,), interval=(-0.3, 0.2), truth="mhb5")
 
 
-@pytest.mark.parametrize("name", ["df3", "mhb", "mhb0", "shooting", ""])
+@pytest.mark.parametrize("name", ["df3", "mhbx", "mhb0", "shooting", ""])
 def test_unknown_methods(name):
     with pytest.raises(hb.ModelError, match="write df1 or df2"):
         method_named(name)
