@@ -75,6 +75,16 @@ def test_cycles_of_the_van_der_pol_oscillator():
     assert cycle["parameters"] == {"mu": 1.0}
 
 
+def test_a_method_by_its_name(tmp_path):
+    """The exact fold of the bogie is known to ten digits; Bautin's cycles go round in 2 pi."""
+    branch = call("branch", "yang1995", "--method", "exact", "--no-figures", "--output", tmp_path, "--json")
+    assert any("'exact'" in note for note in document(branch)["notes"])
+    assert Branch.load(tmp_path / "branch.nc").folds()[0].value == pytest.approx(88.7641131943, abs=5e-11)
+    cycles = document(call("cycles", "bautin", "--method", "collocation", "--json"))["data"]["cycles"]
+    assert all(c["method"].startswith("collocation") for c in cycles)
+    assert [c["period_s"] for c in cycles] == pytest.approx([2 * np.pi] * 2, rel=1e-9)
+
+
 def test_cycles_as_a_table_and_files(tmp_path):
     result = call("cycles", "bautin", "--output", tmp_path / "files")
     assert result.exit_code == 0
@@ -168,6 +178,10 @@ def test_simulate(tmp_path):
         (["simulate", "yang1995", "--start", "q9=1"], "unknown state 'q9'"),
         (["simulate", "yang1995", "--start", "q1"], "--start 'q1': write NAME=VALUE"),
         (["simulate", "yang1995", "--method", "euler"], "Allowed: rk4, cvodes"),
+        (["cycles", "yang1995", "--method", "exakt"], "Did you mean 'exact'"),
+        (["critical", "van_der_pol", "--method", "exact"], "no cycle in closed form"),
+        (["branch", "yang1995", "--method", "collocation"], "is piecewise linear"),
+        (["run", "yang1995", "--method", "exact"], "does its own job"),
         (["plot", "nofile.nc"], "no file 'nofile.nc'"),
         (["run", "bautin", "--output", "taken"], "cannot write to the directory 'taken'"),
     ],
