@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hbbogie.collocation.method import Collocation, CollocationEquations
+from hbbogie.collocation.rates import Rates
 from hbbogie.errors import ModelError, named
 from hbbogie.exact.method import Exact, ExactEquations
 from hbbogie.exact.model import switched_linear
@@ -13,7 +14,9 @@ from hbbogie.model.system import System
 METHODS = ("auto", "exact", "mhb", "collocation")
 
 
-def chosen_methods(where: str, system: System, method: str, harmonics: object = None) -> tuple[str, ...]:
+def chosen_methods(
+    where: str, system: System, method: str, harmonics: object = None, *, along: str | None = None
+) -> tuple[str, ...]:
     """Return the methods that a name stands for, those to be tried first at the beginning.
 
     Parameters
@@ -26,6 +29,8 @@ def chosen_methods(where: str, system: System, method: str, harmonics: object = 
         balance, and then "collocation" where the system is smooth.
     harmonics : int, optional
         Where they are given, "auto" is "mhb".
+    along : str, optional
+        The parameter along which branches are followed, if they are.
 
     Raises
     ------
@@ -41,6 +46,8 @@ def chosen_methods(where: str, system: System, method: str, harmonics: object = 
     if name != "auto":
         if name != "mhb":
             equations_of(name, system)  # raises where it does not apply
+        if name == "collocation" and along is not None:
+            Rates(system, along)
         return (name,)
     if harmonics is not None:
         return ("mhb",)

@@ -108,7 +108,8 @@ def bifurcation_diagram(
         in the notes.
     """
     interval = check_interval(system, parameter, interval)
-    method = chosen_methods("bifurcation_diagram", system, method, None if harmonics == "auto" else harmonics)[0]
+    given = None if harmonics == "auto" else harmonics
+    method = chosen_methods("bifurcation_diagram", system, method, given, along=parameter)[0]
     progress("looking for Hopf points", None)
     hopf = hopf_points(system, parameter, interval)
     about = _About(system, parameter, interval, hopf, progress)

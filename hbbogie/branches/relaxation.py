@@ -25,6 +25,8 @@ def settled(system: System, x: Array, *, backwards: bool = False) -> Sampled | N
     backwards : bool
         Whether the motion, and the state, are those backwards in time.
     """
+    if _kinked(system):
+        return None
     try:
         met = from_motion(system.backwards() if backwards else system, x)
     except FAILURES:
@@ -32,8 +34,15 @@ def settled(system: System, x: Array, *, backwards: bool = False) -> Sampled | N
     return met.backwards(system) if backwards else met
 
 
+def _kinked(system: System) -> bool:
+    """Tell whether elements are piecewise linear: the exact method and shooting then serve better."""
+    return any(element.ramps is not None for element in system.elements)
+
+
 def solved(system: System, guess: Guess) -> CollocatedCycle | None:
     """Return the cycle that collocation leads to from a guess; None where there is none."""
+    if _kinked(system):
+        return None
     try:
         return collocated(system, guess)
     except FAILURES:

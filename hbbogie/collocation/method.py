@@ -63,7 +63,7 @@ class Collocation:
         Raises
         ------
         ModelError
-            When an element is piecewise linear.
+            When an element jumps.
         """
         of_kind("Collocation().equations: system", system, System)
         Rates(system)
@@ -72,7 +72,9 @@ class Collocation:
 
 @dataclass(frozen=True, eq=False)
 class CollocationEquations:
-    """The cycles of a smooth system by collocation: their mesh, and so the number of unknowns, follows the motion.
+    """The cycles of a system by collocation: their mesh, and so the number of unknowns, follows the motion.
+
+    Where elements are piecewise linear, their contact times are points of the mesh, for single cycles.
 
     Attributes
     ----------

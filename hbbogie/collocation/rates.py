@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 class Rates:
-    """dx/dt = f(x, p) of a smooth system and its derivatives in the state and in one parameter.
+    """dx/dt = f(x, p) of a system and its derivatives in the state and in one parameter.
 
     Parameters
     ----------
@@ -24,17 +24,21 @@ class Rates:
     Raises
     ------
     ModelError
-        When an element is piecewise linear.
+        When an element jumps, or is piecewise linear and a parameter is given.
     """
 
     def __init__(self, system: System, parameter: str | None = None):
         of_kind("Rates: system", system, System)
         kinked = [e.name for e in system.elements if e.ramps is not None]
-        if kinked:
+        jumping = [e.name for e in system.elements if e.heights is not None]
+        if kinked and (parameter is not None or jumping):
+            what = "jumps" if jumping else "is piecewise linear"
             raise ModelError(
-                f"system {system.name!r}: collocation needs smooth equations, and element {kinked[0]!r} is piecewise "
-                'linear; take the method "exact" (hbbogie.exact) where the rest is linear, else HarmonicBalance.'
+                f"system {system.name!r}: collocation needs smooth equations{'' if jumping else ' for a branch'}, and "
+                f'element {(jumping or kinked)[0]!r} {what}; take the method "exact" (hbbogie.exact) where the rest '
+                "is linear, else HarmonicBalance."
             )
+        self.kinked = bool(kinked)
         self.system, self.parameter = system, parameter
         self.place = None if parameter is None else system.parameter_names.index(system.parameter(parameter).name)
 

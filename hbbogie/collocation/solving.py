@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.collocation.contacts import contact_times, met, through
 from hbbogie.collocation.cycle import CollocatedCycle, cycle_of
 from hbbogie.collocation.equations import Linearised, OnMesh
 from hbbogie.collocation.mesh import equidistributed
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 FIRST, MOST = 40, 2560  # intervals to begin with, and at most
 ITERATIONS, HALVINGS = 40, 6
 RESIDUAL = 1e-9  # largest scaled residual
+SETTLING = 12  # solutions after which contact times lie on the mesh
 ADAPTIONS = 3  # of the mesh before the first error estimate
 FARTHEST = 0.7  # longest step of log T
 SAMPLES, REPEATED = 96, 1e-5  # of a period, and distance in units of the ranges, by which one is told that repeats
@@ -158,8 +160,32 @@ def errors_of(equations: OnMesh, u: Array, plane: Array | None = None) -> tuple[
 
 def adapted(equations: OnMesh, u: Array, N: int) -> tuple[OnMesh, Array]:
     """Return the equations on the mesh of N intervals on which the errors of a cycle are equal, and the unknowns."""
-    values = equations.unpack(u)[0]
-    return equations.moved(equidistributed(equations.mesh, values / equations.size, N), equations.m, u)
+    values, times = equations.unpack(u)[0], contact_times(equations, u)
+    mesh = equidistributed(equations.mesh, values / equations.size, N, times)
+    return equations.moved(through(mesh, times), equations.m, u)
+
+
+def settled(equations: OnMesh, u: Array, line: Linearised) -> tuple[OnMesh, Array, Linearised]:
+    """Return a solution on the mesh that has its own contact times as points.
+
+    A contact that begins within an interval instead of at its end is taken for one on the wrong line for as long as it
+    is off, which moves its time by the square of that.
+
+    Raises
+    ------
+    ConvergenceError
+        When the times do not settle.
+    """
+    for _ in range(SETTLING):
+        times = contact_times(equations, u)
+        if met(equations.mesh, times):
+            return equations, u, line
+        equations, u = equations.moved(through(equations.mesh, times), equations.m, u)
+        u, line = newton(equations, u)
+    raise ConvergenceError(
+        f"system {equations.rates.system.name!r}: the contact times did not settle on the mesh; a contact may only "
+        "just touch. Take HarmonicBalance, or other parameters."
+    )
 
 
 @door(system=System, guess=(Sampled, CollocatedCycle))
@@ -195,8 +221,8 @@ def collocated(
     ConvergenceError
         When there is no cycle near the guess, or too many intervals would be needed.
     ModelError
-        When the system is not smooth, or conserves a quantity; for a guess of another system or kind, or numbers that
-        are not acceptable.
+        When an element jumps, or the system conserves a quantity; for a guess of another system or kind, or numbers
+        that are not acceptable.
     """
     degree, tolerance = whole("collocated: degree", degree, 2), positive("tolerance", tolerance, "1")
     intervals = None if intervals is None else whole("collocated: intervals", intervals, 4)
@@ -207,10 +233,10 @@ def collocated(
         try:
             equations, u = adapted(*solved, N) if solved else on_mesh(rates, guess.on(N, degree))
             before = equations.size if before is None else before
-            u, line = newton(equations, u)
+            equations, u, line = settled(equations, *newton(equations, u))
             for _ in range(0 if solved else ADAPTIONS):
                 equations, u = adapted(equations, u, N)
-                u, line = newton(equations, u)
+                equations, u, line = settled(equations, *newton(equations, u))
             last, (errors, finer) = estimate, errors_of(equations, u)
             estimate = max(errors[:2])
             if intervals or estimate <= tolerance:

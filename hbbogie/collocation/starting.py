@@ -135,7 +135,7 @@ def from_motion(system: System, x: ArrayLike) -> Sampled:
     ConvergenceError
         When it comes to rest, grows without limit, or does not repeat itself.
     ModelError
-        When the system is not smooth, or the state is not one of it.
+        When an element jumps, or the state is not one of the system.
     """
     p, rates, x = system.vector(), Rates(system), _state(system, x)
     size = np.maximum(np.abs(x), 1e-6 * max(float(np.abs(x).max()), 1e-300))

@@ -90,7 +90,7 @@ def critical_speeds(
     system = system.with_parameters(**values)
     if harmonics == 0:
         raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
-    methods = chosen_methods("critical_speeds", system, method, harmonics)
+    methods = chosen_methods("critical_speeds", system, method, harmonics, along=parameter)
     harmonics = HARMONICS if harmonics is None else harmonics
     HarmonicBalance(harmonics).check(system)
     lo, hi = check_interval(system, parameter, interval)

@@ -130,12 +130,12 @@ def test_method_in_solve():
 
 def test_what_is_refused():
     with pytest.raises(ModelError, match=r"hbbogie\.exact"):
-        Collocation().equations(load_problem("yang1995").bogie())
+        Rates(load_problem("yang1995").bogie(), "V")
     with pytest.raises(ModelError, match="degree"):
         Collocation(degree=1)
     with pytest.raises(ModelError, match="intervals"):
         Collocation(intervals="many")
-    with pytest.raises(ModelError, match="has shape"):
+    with pytest.raises(ModelError, match="of shape"):
         from_motion(van_der_pol(1.0), [1.0])
     x, y, w, b = *(hb.Coordinate(s) for s in "xyw"), hb.Parameter("b", 2.5)
     f, g = 1 - (b + 1) * x + x**2 * y, b * x - x**2 * y
