@@ -24,11 +24,12 @@ from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 
 COARSE, FINER = 15, 31  # highest harmonics with which branches are followed
-MOST = 200  # points of a branch from a cycle, to either side
-UNRESOLVED = 1e-2  # share of the harmonics left out with which a branch is not followed
+MOST = 120  # points of a branch from a cycle, to either side
+UNRESOLVED = 1e-2  # share of the highest harmonics, or of those left out, beyond which cycles are not resolved
+MOST_TURNS = 3  # of a cycle that is followed by collocation: chaotic motions lead to ever longer ones
 LIKE = 0.05  # distance up to which a cycle of the branch is the one from which it was followed
 SAME = 1e-8  # share of the interval up to which values of the parameter are one
-BESIDE = 0.01  # share of the interval beside a homoclinic motion in which cycles are looked for by collocation
+BESIDE = 0.01  # share of the interval beside cycles that are not resolved in which others are looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,25 +134,37 @@ class Walker:
         return attempt
 
     def _balanced(self, equations: Equations, branch: Branch, name: str, cycles: list[Orbit]) -> Walked:
-        """Return a branch of harmonic balance; beside a homoclinic motion its cycles are those of collocation."""
+        """Return a branch of harmonic balance; where its cycles are not resolved they are those of collocation."""
         cycles = once_each([*cycles, *crossings(equations, branch, self.value)])
-        near = BESIDE * (self.span[1] - self.span[0])
-        for end, last in zip(branch.ends, (branch.orbits[0], branch.orbits[-1]), strict=True):
-            if end.kind == "homoclinic" and abs(last.parameters[self.parameter] - self.value) <= near:
-                at = last.parameters[self.parameter]
-                part = max(self.span[0], at - 2 * near), min(self.span[1], at + 2 * near)
-                try:
-                    cycles += replace(self, span=part)._collocated(last, name).cycles
-                except FAILURES:
-                    continue
-        return Walked(extent(name, branch), all(end.complete for end in branch.ends), cycles)
+        said, complete = extent(name, branch), all(end.complete for end in branch.ends)
+        room = BESIDE * (self.span[1] - self.span[0])
+        for orbits in (branch.orbits, branch.orbits[::-1]):
+            k = next((i for i, o in enumerate(orbits) if o.tail <= UNRESOLVED), 0)
+            values = [o.parameters[self.parameter] for o in orbits[: k + 1]]
+            part = max(self.span[0], min(values) - room), min(self.span[1], max(values) + room)
+            if not k or not part[0] <= self.value <= part[1]:
+                continue
+            try:
+                cycles += replace(self, span=part)._collocated(orbits[k], name).cycles
+            except FAILURES:
+                said, complete = f"{said}; its cycles near {self.parameter} = {values[0]:.6g} are not resolved", False
+        return Walked(said, complete, cycles)
 
     def _collocated(self, orbit: Orbit, name: str) -> Walked:
+        if (turns := _turns(orbit)) > MOST_TURNS:
+            raise ConvergenceError(f"it goes round {turns} times in a period, in which there may be many more like it")
         equations = Collocation().equations(self.system)
         followed = followed_from(equations, orbit, self.parameter, self.span, max_points=MOST)
         branch = branch_of(followed, self.system, orbit, stability=False)
         cycles = [cycle.orbit() for _, cycle in followed.crossings(self.value)]
         return Walked(extent(f"{name}, by collocation,", branch), all(end.complete for end in branch.ends), cycles)
+
+
+def _turns(orbit: Orbit) -> int:
+    """Return the number of the largest harmonic, of the coordinate in which one stands out most."""
+    waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
+    clear = waves.max(axis=0) / np.maximum(waves.sum(axis=0), 1e-300)
+    return 1 + int(np.argmax(waves[:, np.argmax(clear)]))
 
 
 def _beyond(orbit: Orbit, H: int) -> float:
