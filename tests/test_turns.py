@@ -229,17 +229,22 @@ class TestSystems:
         assert cycle.advance == (TURN, 0.0)
 
     def test_unbalanced_rotor_on_springs(self):
-        """The motor's power is lost in its own drag and in the foundation's damper."""
+        """Sommerfeld's effect: one torque, a speed below resonance, one above, and an unstable one between them.
+
+        The motor's power is lost in its own drag and in the foundation's damper.
+        """
         x, phi = Coordinate("x", "m"), Coordinate("phi", "rad", turn=TURN)
         L, e = Parameter("L", 0.3), Parameter("e", 0.2)
         push = e * (phi.ddot * ca.sin(phi) + phi.dot**2 * ca.cos(phi))
         turning = phi.ddot + 0.2 * phi.dot - L - e * x.ddot * ca.sin(phi)
         system = System("rotor", [x, phi], [L, e], [x.ddot + 0.1 * x.dot + x - push, turning])
-        (cycle,) = hb.find_cycles(system)
-        v = cycle.v(cycle.period * np.arange(512) / 512)
-        assert cycle.advance == (0.0, TURN)
-        lost = 0.1 * (v[:, 0] ** 2).mean() + 0.2 * (v[:, 1] ** 2).mean()
-        assert lost == pytest.approx(0.3 * cycle.mean_speed("phi"), rel=1e-8)
+        cycles = sorted(hb.find_cycles(system), key=lambda cycle: cycle.omega)
+        assert [cycle.verdict for cycle in cycles] == ["stable", "unstable", "stable"]
+        for cycle in cycles:
+            v = cycle.v(cycle.period * np.arange(512) / 512)
+            assert cycle.advance == (0.0, TURN)
+            lost = 0.1 * (v[:, 0] ** 2).mean() + 0.2 * (v[:, 1] ** 2).mean()
+            assert lost == pytest.approx(0.3 * cycle.mean_speed("phi"), rel=1e-8)
 
     def test_coupled_angles_turn_together(self):
         a, b = (Coordinate(name, "rad", turn=TURN) for name in "ab")

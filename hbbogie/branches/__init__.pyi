@@ -16,4 +16,5 @@ from .isolated import isolated_branches as isolated_branches
 from .judging import estimate as estimate
 from .judging import stability_of as stability_of
 from .judging import verified as verified
+from .motions import cycle_after as cycle_after
 from .same import of_prime_period as of_prime_period

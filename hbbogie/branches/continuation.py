@@ -29,6 +29,7 @@ from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.arclength import advance, point_at, walk
 from hbbogie.solving.curve import Point
+from hbbogie.solving.family import at_its_amplitude, check_members
 from hbbogie.solving.solvers import solve
 
 Array = NDArray[np.float64]
@@ -67,7 +68,8 @@ def trace(
         from a branch point the branch that crosses; from a pitchfork both asymmetric branches, through the symmetric
         cycle (the equations must keep even harmonics: ``HarmonicBalance(H, odd=False)``); from a period doubling the
         cycles of twice the period (give twice the harmonics: their first is half the frequency). From any other point
-        its own branch is followed.
+        its own branch is followed. Where the start is one of a family, as of a conservative system, the cycles with
+        its amplitude are followed.
     parameter : str
         Name of the continuation parameter.
     interval : (float, float), unit of the parameter
@@ -127,10 +129,16 @@ def trace(
     place = equations.system.parameter_names.index(parameter)
     p[place] = origin.parameters.get(parameter, p[place])
     check_start(parameter, float(p[place]), (lo, hi))
+    given = equations
+    if not begins:
+        equations = at_its_amplitude(equations, origin, place, tolerance)
     curve = CycleCurve(equations, parameter, (lo, hi), p, tolerance, families)
     options: dict[str, Any] = {"step": step, "longest": longest, "shortest": SHORTEST, "most": max_points}
     with time_limit(limit):
-        return _traced(curve, start, begins, stability, options, progress)
+        found = _traced(curve, start, begins, stability, options, progress)
+    if equations is not given:
+        check_members(given, found.orbits)
+    return found
 
 
 def _traced(

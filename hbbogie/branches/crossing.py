@@ -13,6 +13,7 @@ from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
+from hbbogie.motion.integration import initial_state
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
@@ -20,7 +21,6 @@ from hbbogie.solving.solvers import solve
 
 COARSE = 15  # highest harmonic with which a family is looked at
 MEMBERS = 150  # cycles of a family at one value of the parameter that are looked at
-UNFOLDS = 1e-3  # share of a parameter's derivative along the left null vector beyond which it ends a family
 
 
 def branches_from_hopf(equations: Equations, parameter: str, interval: tuple[float, float]) -> list[Branch]:
@@ -110,30 +110,13 @@ def family_message(system: System, name: str, orbit: Orbit) -> str:
         A cycle of the family.
     """
     equations = HarmonicBalance(COARSE).equations(system).phased(orbit)
-    coordinate = system.coordinate_names[equations.phase or 0]
-    value = system.values[name]
-    said = (
-        f"the cycles at {name} = {value:g} form a continuous family (as in a conservative system); ask for one by its "
+    coordinate, value = system.coordinate_names[equations.phase or 0], system.values[name]
+    states = ", ".join(f"{x:.4g}" for x in initial_state(system, orbit)[1])
+    through = "from other states"
+    if not equations.advance:
+        through = f"by their amplitude, solve(equations, guess, amplitude={{{coordinate!r}: size}}, {name}={value:g})"
+    return (
+        f"the cycles at {name} = {value:g} form a continuous family (as in a conservative system). Take one near a "
+        f"state, guess = hbbogie.branches.cycle_after(system.with_parameters({name}={value:g}), [{states}]), and "
+        f"others {through}; trace(equations, guess, {name!r}, interval) follows one over {name}."
     )
-    said += f"amplitude, at {name} = {value:g}: "
-    free = _unfolding(equations, orbit)
-    if free is None:
-        said += "give the system a parameter for damping, such as d = 0, and free that: "
-    advice = f"solve(equations, guess, amplitude={{{coordinate!r}: size}}, free={free or 'd'!r})"
-    return f"{said}{advice}; {free or 'd'} stays as it is, for there are no cycles near by at other values."
-
-
-def _unfolding(equations: Equations, orbit: Orbit) -> str | None:
-    """Return a parameter with which the cycles of a family cease to be, so that it is determined; None without one.
-
-    The derivative of the equations in it is not orthogonal to the left null vector of that in the cycle.
-    """
-    system, m = equations.system, equations.size
-    z, p = equations.encode(orbit), system.vector(**orbit.parameters)
-    every = tuple(range(len(system.parameters)))
-    J = equations.derivatives(every)(z, p)[1].full() / equations.residual_scale[:, None]
-    psi, slopes = np.linalg.svd(J[:, :m] * equations.scale)[0][:, -1], J[:, m:]
-    sizes = np.linalg.norm(slopes, axis=0)
-    shares = np.abs(psi @ slopes) / np.where(sizes > 0, sizes, 1.0)
-    best = int(np.argmax(shares))
-    return system.parameter_names[best] if shares[best] > UNFOLDS else None

@@ -44,33 +44,34 @@ def within_level(equations: Equations, orbit: Orbit) -> Equations:
     return _at_level(equations, places, rows, rows @ orbit.coefficients[0], size)
 
 
-def within_family(equations: Equations, orbit: Orbit, amplitude: float, **fixed: float) -> Equations:
-    """Return equations of the cycles of a family that have a given amplitude.
+def within_family(equations: Equations, orbit: Orbit, level: float, **fixed: float) -> Equations:
+    """Return equations of the one cycle of a family that has a given level.
 
     Where something is conserved, whether it is known or not, one combination of the equations follows from the others
-    at every cycle. The one with the least singular value at the orbit is replaced by the cosine of the first harmonic
-    of the coordinate that sets the phase. That the combination is zero at a solution must be checked with the equations
-    themselves: where nothing is conserved it is not.
+    at every cycle. The one with the least singular value at the orbit is replaced by the level, which is the cosine of
+    the first harmonic of the coordinate that sets the phase, or the frequency where coordinates run on. That the
+    combination is zero at a solution must be checked with the equations themselves: where nothing is conserved it is
+    not.
 
     Parameters
     ----------
     equations : Equations
-        Of cycles that do not run on.
+        Of cycles.
     orbit : Orbit
         Near the cycle.
-    amplitude : float, unit of the coordinate
+    level : float, unit of the coordinate or rad/s
     **fixed : float
         Parameter values.
     """
-    m, place = equations.size, equations.leading
-    assert place is not None
+    m = equations.size
+    place = m - 1 if equations.leading is None else equations.leading
     z, p = equations.encode(orbit), equations.system.vector(**fixed)
     J = equations.derivatives(())(z, p)[1].full() / equations.residual_scale[:, None] * equations.scale
     psi = np.linalg.svd(J)[0][:, -1]
     kept = np.eye(m) - np.outer(psi * equations.residual_scale, psi / equations.residual_scale)
     slopes, weights = np.zeros((m, m)), psi * equations.residual_scale / equations.scale[place]
     slopes[:, place] = weights
-    return _replaced(equations, ca.DM(kept), slopes, weights * amplitude, equations.residual_scale, equations.rows)
+    return _replaced(equations, ca.DM(kept), slopes, weights * level, equations.residual_scale, equations.rows)
 
 
 def _dependent(equations: Equations, orbit: Orbit, count: int) -> NDArray[np.int_]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.newton import Conditions, Problem, newton
 
+BESIDE = 1.03  # amplitude of another member, relative to that of a cycle, by which a family is told
+SINGULAR, MET = 1e-6, 1e-8  # smallest singular value, relative to the largest, and residual of a member of a family
 STEPS = (1, 4, 16)  # from the amplitude of the guess to the one asked for, tried in turn
 
 
@@ -24,6 +26,29 @@ def asked(amplitude: Mapping[str, float]) -> tuple[str, float]:
     if not np.isfinite(value) or value <= 0:
         raise ModelError(f"solve: amplitude of {name!r} is {value!r}; give a positive number.")
     return name, float(value)
+
+
+def level_of(equations: Equations, orbit: Orbit) -> float:
+    """Return what tells a cycle of a family from others: its first harmonic, or its frequency where it runs on."""
+    return orbit.omega if equations.advance else orbit.first_harmonic(orbit.coordinates[equations.phase or 0])
+
+
+def of_family(equations: Equations, orbit: Orbit, tolerance: float) -> bool:
+    """Tell whether a cycle is one of a family at its parameter values: whether there is another one beside it."""
+    if equations.phase is None or not orbit.H or set(orbit.parameters) != set(equations.system.parameter_names):
+        return False
+    if not level_of(equations, orbit):
+        return False
+    z, p = equations.encode(orbit), equations.system.vector(**orbit.parameters)
+    F, J = (x.full() / equations.residual_scale[:, None] for x in equations.derivatives(())(z, p))
+    sizes = np.linalg.svd(J * equations.scale, compute_uv=False)
+    if not (np.abs(F).max() <= MET**0.5 and sizes[-1] <= SINGULAR * sizes[0]):
+        return False
+    try:  # at a fold and where branches cross there is none
+        member(equations, orbit, BESIDE * level_of(equations, orbit), tolerance, **orbit.parameters)
+    except ConvergenceError:
+        return False
+    return True
 
 
 def in_family(
@@ -55,15 +80,21 @@ def in_family(
         equations = equations.with_phase(name, system)
     if equations.leading is None or equations.phase != place:
         raise ModelError(
-            f"solve: the cycle of a family with an amplitude of {name!r} is asked for, which must set the phase; it "
-            "does not where it runs on, and elsewhere HarmonicBalance(..., phase=name) lets it."
+            f"solve: the cycle of a family is asked for by its amplitude in {name!r}, which must set the phase: that "
+            "takes HarmonicBalance(..., phase=name), and is not possible where coordinates run on."
         )
-    p, first = system.vector(**fixed), guess.first_harmonic(name)
+    return member(equations, guess, target, tolerance, **fixed)
+
+
+def member(equations: Equations, guess: Orbit, level: float, tolerance: float, **fixed: float) -> Orbit:
+    """Return the cycle of a family at a level, see `level_of`; parameters and errors as of `in_family`."""
+    p, first = equations.system.vector(**fixed), level_of(equations, guess)
+    what = f"cycle of {equations.system.name!r} with a {'frequency' if equations.advance else 'first harmonic'} of"
     for steps in STEPS:
         orbit = guess
-        for size in first + (target - first) * np.arange(1, steps + 1) / steps:
-            level = within_family(equations, orbit, float(size), **fixed)
-            y, error, iterations = newton(Problem(level, Conditions(), p), equations.encode(orbit), tolerance)
+        for size in first + (level - first) * np.arange(1, steps + 1) / steps:
+            own = within_family(equations, orbit, float(size), **fixed)
+            y, error, iterations = newton(Problem(own, Conditions(), p), equations.encode(orbit), tolerance)
             if error > tolerance:
                 break
             orbit = equations.decode(y, p, f"converged by Newton's method in {iterations} iterations, in its family")
@@ -71,13 +102,42 @@ def in_family(
             if orbit.residual <= 10 * tolerance:
                 return orbit
             raise ConvergenceError(
-                f"no cycle of {system.name!r} has a first harmonic of {target:g} in {name} at these parameter values: "
-                f"what is left of the equations is {orbit.residual:.2g}. Where the cycles do not form a family a "
-                "parameter must give way, solve(..., free=name); where they do, take more harmonics.",
+                f"there is no {what} {level:g} at these parameter values: what is left of the equations is "
+                f"{orbit.residual:.2g}. Where the cycles do not form a family a parameter must give way, solve(..., "
+                "free=name); where they do, take more harmonics.",
                 orbit=orbit,
             )
     raise ConvergenceError(
-        f"no cycle of {system.name!r} with a first harmonic of {target:g} in {name} was found ({equations.method}), "
-        f"the scaled residual is {error:.2g}; begin with a cycle of an amplitude closer to it, or take more harmonics.",
+        f"no {what} {level:g} was found ({equations.method}), the scaled residual is {error:.2g}; begin with a cycle "
+        "closer to it, or take more harmonics.",
         orbit=orbit,
     )
+
+
+def at_its_amplitude(equations: Equations, orbit: Orbit, place: int, tolerance: float) -> Equations:
+    """Return equations that keep the amplitude of a cycle which is one of a family along a parameter; else as given.
+
+    Where the parameter ends the family, as damping does, the equations determine it and stay as they are.
+    """
+    if not of_family(equations, orbit, tolerance):
+        return equations
+    z, p, m = equations.encode(orbit), equations.system.vector(**orbit.parameters), equations.size
+    J = equations.derivatives((place,))(z, p)[1].full() / equations.residual_scale[:, None]
+    psi, slope = np.linalg.svd(J[:, :m] * equations.scale)[0][:, -1], J[:, m]
+    if abs(psi @ slope) > SINGULAR * np.linalg.norm(slope):
+        return equations
+    return within_family(equations, orbit, level_of(equations, orbit), **orbit.parameters)
+
+
+def check_members(equations: Equations, orbits: Iterable[Orbit]) -> None:
+    """Raise `ConvergenceError` where cycles that should be members of families solve not all of the equations."""
+    for orbit in orbits:
+        z, p = equations.encode(orbit), equations.system.vector(**orbit.parameters)
+        left = float(np.abs(equations.residual(z, p).full().ravel() / equations.residual_scale).max())
+        if left > MET**0.5:
+            raise ConvergenceError(
+                f"the start is a cycle of a family, and {equations.system.name!r} has none of its amplitude along the "
+                f"branch: what is left of the equations is {left:.2g} at {orbit.naming.values(orbit.parameters)}. Take "
+                "more harmonics, or a parameter along which the same is conserved.",
+                orbit=orbit,
+            )

@@ -17,7 +17,7 @@ from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving import optimum
 from hbbogie.solving.expressions import CycleFunction, CycleLimit
-from hbbogie.solving.family import asked, in_family
+from hbbogie.solving.family import asked, in_family, level_of, member, of_family
 from hbbogie.solving.newton import Conditions, Problem, newton
 from hbbogie.solving.optimum import Optimum
 from hbbogie.solving.program import nonlinear_program
@@ -194,6 +194,8 @@ def solve(
         polished, error, _ = newton(problem, y, tolerance)
         if error <= tolerance and not problem.violated(polished, 1e-9):
             return problem.orbit(polished, f"converged by IPOPT in {statistics['iterations']} iterations")
+    if free is None and of_family(equations, guess, tolerance):  # that of the same amplitude
+        return member(equations, guess, level_of(equations, guess), tolerance, **fixed)
     raise _failure(problem, y, statistics)
 
 

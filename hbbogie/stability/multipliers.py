@@ -262,7 +262,13 @@ def sides(multipliers: Complex, trivial: int, error: float, doubt: str) -> tuple
         return "unstable", outside, f"{outside} multiplier(s) outside the unit circle, {largest}"
     if near:
         reason = f"{near} multiplier(s) besides the trivial one within {margin:.2g} of the unit circle: "
-        return "unknown", 0, reason + "neutral as far as can be told (a conservative system or a bifurcation)"
+        reason += "neutral as far as can be told (a conservative system or a bifurcation)"
+        if ones := int((np.abs(np.delete(multipliers, trivial) - 1) <= margin).sum()):
+            inside = float(moduli[moduli < 1 - margin].max(initial=0.0))
+            reason += f"; {ones} at 1, as where something is conserved and cycles form a family"
+            if ones == near:
+                reason += f": among cycles of one level the largest is {inside:.6g}" if near < len(moduli) else ""
+        return "unknown", 0, reason
     return "stable", 0, f"all multipliers but the trivial one inside the unit circle, {largest}"
 
 
