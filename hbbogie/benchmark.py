@@ -28,6 +28,7 @@ import numpy as np
 from hbbogie import (
     HarmonicBalance,
     critical_speeds,
+    critical_speeds_of,
     find_cycles,
     floquet,
     fold,
@@ -44,7 +45,6 @@ from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.special import judged
 from hbbogie.collocation.starting import from_motion, from_orbit
 from hbbogie.collocation.walk import follow as follow_on_mesh
-from hbbogie.critical.designs import critical_speeds_of
 from hbbogie.errors import named
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.starting import at_grazing

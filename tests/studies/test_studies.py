@@ -260,8 +260,8 @@ class TestSweep:
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, job, {"k": [1.0]}, options=options)
 
-    def test_options_of_a_shipped_job_are_checked_at_the_nominal_point(self, tmp_path):
-        with pytest.raises(hb.ModelError, match=r"unknown method 'exct'. Did you mean 'exact'"):
+    def test_options_of_a_shipped_job_are_checked_before_it_starts(self, tmp_path):
+        with pytest.raises(hb.ModelError, match=r"got 'exct'; give one of 'mhb', 'exact'"):
             options, store = {"method": "exct"}, tmp_path / "s.db"
             hb.sweep("critical", {"a": [1.0]}, problem="bautin", options=options, store=store, workers=0)
         assert not (tmp_path / "s.db").exists()
@@ -602,3 +602,45 @@ class TestReport:
         ax = plot.parameter_map(data, "a", "w0", "fold")
         assert ax.get_xlim() == pytest.approx((0.5, 2.0)) and "a [1/s]" in ax.get_xlabel()
         assert plot.drawing(ax.figure).startswith(b"\x89PNG")
+
+
+@pytest.fixture(scope="module")
+def points(bogie):
+    return studies.random(studies.around(bogie, 0.3, ["lam", "K1", "K2", "D2"]), 12, seed=5)
+
+
+def exactly(points, **keywords):
+    options = {"method": "exact", "interval": [40.0, 160.0]}
+    return hb.sweep("critical", points, problem="yang1995", options=options, workers=0, **keywords)
+
+
+@pytest.fixture(scope="module")
+def together(points):
+    return exactly(points, batch=5)
+
+
+class TestBatches:
+    def test_points_done_together_and_one_by_one_are_the_same(self, points, together):
+        """SOLVER: whatever the batch, and in the function as in the job."""
+        alone = exactly(points, batch=1)
+        for name in ("critical", "fold", "hopf", "complete", "failed", "fold_q1", "dfold_dlam", "dhopf_dK2"):
+            np.testing.assert_allclose(together[name].values, alone[name].values, rtol=1e-8)
+        columns = dict(zip(points.names, points.values.T, strict=True))
+        system = hb.load_problem("yang1995").bogie()
+        found = hb.critical_speeds_of(system, columns, interval=(40.0, 160.0))
+        np.testing.assert_allclose(together["critical"].values, found.critical, rtol=1e-9)
+        assert (together["complete"].values == found.complete).all()
+
+    def test_a_batch_that_fails_is_done_one_by_one(self, points, together, monkeypatch):
+        def failing(system, points, **options):
+            raise ZeroDivisionError
+
+        monkeypatch.setattr("hbbogie.studies.jobs.BATCHES", {studies.smallest_critical: failing})
+        monkeypatch.setattr("hbbogie.studies.tasks.BATCHES", {studies.smallest_critical: failing})
+        again = exactly(points, batch=5)
+        np.testing.assert_allclose(again["critical"].values, together["critical"].values, rtol=1e-9)
+
+    def test_the_size_of_a_batch_is_a_whole_number(self, points):
+        for batch in (0, -1, 1.5, "many", True, np.nan):
+            with pytest.raises(hb.ModelError, match="batch"):
+                exactly(points, batch=batch)
