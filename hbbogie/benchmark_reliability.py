@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hbbogie import System, critical_speeds, critical_speeds_of, load_problem, sweep
-from hbbogie.critical.harmonic_error import change_with_more
+from hbbogie import HarmonicBalance, System, critical_speeds, critical_speeds_of, load_problem, sweep
+from hbbogie.critical.harmonic_error import REST, bound_from
 from hbbogie.errors import ModelError
 from hbbogie.exact.critical import fold_near
 from hbbogie.results import Critical
@@ -75,7 +75,7 @@ def random_bogies(count: int, share: float, seed: int = 0) -> list[Row]:
     rows, tally, ratios = [Row(f"{name}, in batches: answered", count, answered, text)], _Tally(), list[float]()
     for d in range(max(1, count // 10)):
         one = system.with_parameters(**{n: float(column[d]) for n, column in designs.items()})
-        found_here = critical_speeds(one, "V", SPAN)
+        found_here = critical_speeds(one, "V", SPAN, method="mhb")
         tally.add(float(found.critical[d]), found_here[0] if found_here else None, found_here.complete)
         ratios += [r for c in found_here if c.kind == "fold" and (r := _bound_over_error(one, c)) is not None]
     unsafe = f"too high by the batch {tally.batch_high}, by harmonic balance {tally.other_high}"
@@ -110,7 +110,8 @@ class _Tally:
 
 def _bound_over_error(system: System, fold: Critical, harmonics: int = 21) -> float | None:
     """Return the bound by twice the harmonics over the true error; None where one of both is not known."""
-    bound = change_with_more(system, fold, 2 * harmonics + 1)
+    finer = HarmonicBalance(2 * harmonics + 1).equations(system)
+    bound = bound_from(finer, fold, REST, "")
     try:
         exact = fold_near(system, fold.orbit, fold.parameter).value
     except FAILURES:

@@ -18,7 +18,7 @@ from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
 Outputs = dict[str, Any]
-METHODS = ("mhb", "exact")
+METHODS = ("auto", "exact", "mhb", "collocation", "batch")
 Interval = Annotated[tuple[float, float], pair]
 Harmonics = Annotated[int, whole]
 
@@ -27,9 +27,9 @@ def smallest_critical(
     system: System,
     parameter: str = "V",
     interval: Interval | None = None,
-    harmonics: Harmonics = 15,
+    harmonics: Harmonics | None = None,
     gradients: bool = True,
-    method: Literal["mhb", "exact"] = "mhb",
+    method: Literal["auto", "exact", "mhb", "collocation", "batch"] = "auto",
 ) -> Outputs:
     """Find the critical values of a parameter, with their gradients.
 
@@ -39,16 +39,16 @@ def smallest_critical(
     parameter : str
     interval : (float, float), optional, unit of the parameter
         Where to look.
-    harmonics : int
-        Highest harmonic.
+    harmonics : int, optional
+        Highest harmonic, as for `hbbogie.critical_speeds`.
     gradients : bool
         Whether the outputs hold ``dfold_d<name>`` and ``dhopf_d<name>`` for every parameter.
-    method : {"mhb", "exact"}
-        "mhb" is harmonic balance: the answer is that of `hbbogie.critical_speeds`. "exact" takes cycles in closed form,
-        for systems that are linear between switchings, many points together: the first Hopf point and the fold below
-        it, from the fold of the parameters' default values where that leads there; then ``complete`` is 0, since the
-        branch is not followed, and a second fold may lie lower. Elsewhere the branches from all Hopf points are
-        followed. It has no use for ``harmonics``, and does not count ``hopfs``.
+    method : {"auto", "exact", "mhb", "collocation", "batch"}
+        The first four are those of `hbbogie.critical_speeds`, whose answer is given. "batch" is that of
+        `hbbogie.critical_speeds_of`, for systems that are linear between switchings, many points together: the first
+        Hopf point and the fold below it, from the fold of the parameters' default values where that leads there; then
+        ``complete`` is 0, since the branch is not followed, and a second fold may lie lower. Elsewhere the branches
+        from all Hopf points are followed. It has no use for ``harmonics``, and does not count ``hopfs``.
 
     Returns
     -------
@@ -63,9 +63,9 @@ def smallest_critical(
     if method not in METHODS:
         raise ModelError(f"job critical: {unknown_name('method', method, METHODS)}")
     span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
-    if method == "exact":
-        return _exact(system, parameter, span, gradients)
-    found = critical_speeds(system, parameter, span, harmonics=harmonics)
+    if method == "batch":
+        return _alone(system, parameter, span, gradients)
+    found = critical_speeds(system, parameter, span, method=method, harmonics=harmonics)
     hopfs = [c for c in found if c.kind == "hopf"]
     folds = [c for c in found if c.kind == "fold" and (not hopfs or c.value < hopfs[0].value)]
     outputs: Outputs = {"kind": "", "folds": len(folds), "hopfs": len(hopfs), "complete": float(found.complete)}
@@ -102,11 +102,11 @@ def critical_of_many(
     points: Sequence[Mapping[str, float]],
     parameter: str = "V",
     interval: Interval | None = None,
-    harmonics: Harmonics = 15,
+    harmonics: Harmonics | None = None,
     gradients: bool = True,
-    method: str = "exact",
+    method: str = "batch",
 ) -> list[Outputs]:
-    """Do the job with ``method="exact"`` at many points together.
+    """Do the job with ``method="batch"`` at many points together.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def _nominal(system: System, parameter: str, span: tuple[float, float]) -> Nomin
     return system.once(("nominal design", parameter, span), lambda: nominal_design(own, parameter, span))
 
 
-def _exact(system: System, parameter: str, span: tuple[float, float], gradients: bool) -> Outputs:
+def _alone(system: System, parameter: str, span: tuple[float, float], gradients: bool) -> Outputs:
     """Return the outputs of the job from cycles in closed form."""
     try:
         nominal = _nominal(system, parameter, span)

@@ -148,7 +148,7 @@ JOBS: dict[Any, Callable[..., Outputs]] = {
 }
 
 
-# what does a job at many points together where its method is "exact": (system, points, **options) -> outputs of each
+# what does a job at many points together where its method is "batch": (system, points, **options) -> outputs of each
 BATCHES: dict[Any, Callable[..., list[Outputs]]] = {smallest_critical: critical_of_many}
 
 

@@ -87,7 +87,7 @@ def sweep(
         Time after which a point is a failed row. It holds for points in the main thread of a process, as those of the
         local pool are, and not on Windows.
     batch : int
-        How many points a worker does together, where the job can do that: "critical" with ``method="exact"``. Then the
+        How many points a worker does together, where the job can do that: "critical" with ``method="batch"``. Then the
         limit is for all of them; those of a batch that fails or takes longer are done one by one.
     executor : concurrent.futures.Executor, optional
         Where to run; it is not shut down. A pool of local processes, each with one BLAS thread, where left out.

@@ -73,7 +73,7 @@ class Task:
     @property
     def batches(self) -> bool:
         """Whether the job can be done at many points together."""
-        return self.function in BATCHES and self.options.get("method") == "exact"
+        return self.function in BATCHES and self.options.get("method") == "batch"
 
     @property
     def job_name(self) -> str:

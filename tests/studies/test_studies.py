@@ -261,7 +261,9 @@ class TestSweep:
             sweep(folder, job, {"k": [1.0]}, options=options)
 
     def test_options_of_a_shipped_job_are_checked_before_it_starts(self, tmp_path):
-        with pytest.raises(hb.ModelError, match=r"got 'exct'; give one of 'mhb', 'exact'"):
+        with pytest.raises(
+            hb.ModelError, match=r"got 'exct'; give one of 'auto', 'exact', 'mhb', 'collocation', 'batch'"
+        ):
             options, store = {"method": "exct"}, tmp_path / "s.db"
             hb.sweep("critical", {"a": [1.0]}, problem="bautin", options=options, store=store, workers=0)
         assert not (tmp_path / "s.db").exists()
@@ -447,20 +449,20 @@ class TestCritical:
         options = {"interval": [40.0, 160.0]}
         data = {
             method: hb.sweep("critical", points, problem="yang1995", options=options | more, workers=0)
-            for method, more in (("mhb", {"harmonics": 31}), ("exact", {"method": "exact"}))
+            for method, more in (("mhb", {"harmonics": 31}), ("batch", {"method": "batch"}))
         }
-        assert set(data["mhb"]) - set(data["exact"]) == {"hopfs"} and set(data["exact"]) <= set(data["mhb"])
-        assert not data["exact"]["failed"].any()
+        assert set(data["mhb"]) - set(data["batch"]) == {"hopfs"} and set(data["batch"]) <= set(data["mhb"])
+        assert not data["batch"]["failed"].any()
         for name, tolerance in (("critical", 1e-5), ("hopf", 1e-9), ("fold_omega", 1e-5), ("fold_q1", 1e-4)):
-            np.testing.assert_allclose(data["exact"][name], data["mhb"][name], rtol=tolerance)
+            np.testing.assert_allclose(data["batch"][name], data["mhb"][name], rtol=tolerance)
         for name in ("kind", "folds"):
-            assert (data["exact"][name] == data["mhb"][name]).all()
-        np.testing.assert_allclose(data["exact"]["dhopf_dlam"], data["mhb"]["dhopf_dlam"], rtol=1e-7)
-        np.testing.assert_allclose(data["exact"]["dfold_dlam"], data["mhb"]["dfold_dlam"], rtol=1e-3)
-        assert data["exact"]["dfold_dlam"].attrs["units"] == data["mhb"]["dfold_dlam"].attrs["units"]
+            assert (data["batch"][name] == data["mhb"][name]).all()
+        np.testing.assert_allclose(data["batch"]["dhopf_dlam"], data["mhb"]["dhopf_dlam"], rtol=1e-7)
+        np.testing.assert_allclose(data["batch"]["dfold_dlam"], data["mhb"]["dfold_dlam"], rtol=1e-3)
+        assert data["batch"]["dfold_dlam"].attrs["units"] == data["mhb"]["dfold_dlam"].attrs["units"]
 
-    def test_no_fold_and_no_hopf_point_are_answers_of_the_exact_method(self, bogie):
-        options = {"interval": [40.0, 160.0], "method": "exact"}
+    def test_no_fold_and_no_hopf_point_are_answers_of_a_batch(self, bogie):
+        options = {"interval": [40.0, 160.0], "method": "batch"}
         points = [{"lam": 1e-4}, {"lam": 0.05}]
         rows = hb.sweep("critical", points, problem="yang1995", options=options, workers=0)
         assert not rows["failed"].any() and rows["kind"].values.tolist() == ["", "fold"]
@@ -470,13 +472,14 @@ class TestCritical:
             hb.sweep(
                 "critical", [{"lam": 0.15}], problem="yang1995", options={"interval": [20.0, 70.0]} | more, workers=0
             )
-            for more in ({"method": "exact"}, {})
+            for more in ({"method": "batch"}, {})
         )
         np.testing.assert_allclose(exact["critical"], longer["critical"], rtol=1e-4)
 
     def test_an_exact_method_needs_straight_lines(self):
         smooth = hb.load_problem("bautin").bautin()
-        for method, message in (("exct", "Did you mean 'exact'"), ("exact", "nothing that switches")):
+        none = "nothing that switches"
+        for method, message in (("exct", "Did you mean 'exact'"), ("exact", none), ("batch", none)):
             with pytest.raises(ModelError, match=message):
                 smallest_critical(smooth, "mu", (-2.0, 0.5), method=method)
 
@@ -610,7 +613,7 @@ def points(bogie):
 
 
 def exactly(points, **keywords):
-    options = {"method": "exact", "interval": [40.0, 160.0]}
+    options = {"method": "batch", "interval": [40.0, 160.0]}
     return hb.sweep("critical", points, problem="yang1995", options=options, workers=0, **keywords)
 
 
