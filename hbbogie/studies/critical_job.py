@@ -12,11 +12,12 @@ from hbbogie.critical.speeds import critical_speeds
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, pair, unknown_name, whole
 from hbbogie.exact.critical import CriticalValues, NominalDesign, nominal_design
-from hbbogie.exact.starting import cycle_of
+from hbbogie.exact.peaks import peaks
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
+Array = NDArray[np.float64]
 Outputs = dict[str, Any]
 METHODS = ("auto", "exact", "mhb", "collocation", "batch")
 Interval = Annotated[tuple[float, float], pair]
@@ -120,7 +121,11 @@ def critical_of_many(
     span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
     nominal = _nominal(system, parameter, span)
     found = nominal.critical_values(np.array([one.vector() for one in systems]))
-    return [_outputs(one, found, d, parameter, gradients) for d, one in enumerate(systems)]
+    heights = iter(peaks([fold for fold in found.folds if fold]))
+    return [
+        _outputs(one, found, d, next(heights) if found.folds[d] else None, parameter, gradients)
+        for d, one in enumerate(systems)
+    ]
 
 
 def _nominal(system: System, parameter: str, span: tuple[float, float]) -> NominalDesign:
@@ -132,19 +137,22 @@ def _nominal(system: System, parameter: str, span: tuple[float, float]) -> Nomin
 def _alone(system: System, parameter: str, span: tuple[float, float], gradients: bool) -> Outputs:
     """Return the outputs of the job from cycles in closed form."""
     try:
-        nominal = _nominal(system, parameter, span)
+        return critical_of_many(system, [{}], parameter, span, gradients=gradients)[0]
     except ConvergenceError:  # the point is its own beginning
         if not hopf_points(system, parameter, span):
             return {"kind": "", "folds": 0, "status": f"no Hopf point from {span[0]:g} to {span[1]:g}"}
-        nominal = nominal_design(system, parameter, span)
-    return _outputs(system, nominal.critical_values(system.vector()[None]), 0, parameter, gradients)
+        found = nominal_design(system, parameter, span).critical_values(system.vector()[None])
+    high = next(iter(peaks([fold for fold in found.folds if fold])), None)
+    return _outputs(system, found, 0, high, parameter, gradients)
 
 
-def _outputs(system: System, found: CriticalValues, d: int, parameter: str, gradients: bool) -> Outputs:
-    """Return the outputs of one of the designs whose critical values were found together."""
+def _outputs(
+    system: System, found: CriticalValues, d: int, high: Array | None, parameter: str, gradients: bool
+) -> Outputs:
+    """Return the outputs of one of the designs whose critical values were found together, with the fold's peaks."""
     fold, hopf, status, failed = found.folds[d], float(found.hopf.value[d]), found.status[d], bool(found.failed[d])
 
-    def named(gradient: NDArray[np.float64]) -> dict[str, float]:
+    def named(gradient: Array) -> dict[str, float]:
         by_name = zip(system.parameter_names, map(float, gradient), strict=True)
         return {name: slope for name, slope in by_name if name != parameter} if gradients else {}
 
@@ -156,10 +164,9 @@ def _outputs(system: System, found: CriticalValues, d: int, parameter: str, grad
     if not np.isnan(hopf):
         outputs |= _values("hopf", hopf, float(found.hopf.omega[d]), named(found.hopf.gradient[d]))
         outputs |= _depth(outputs["critical"], hopf) if not failed else {}
-    if fold is not None:
-        low, high = (np.abs(side) for side in cycle_of(fold).extremes)
-        peaks = dict(zip(system.coordinate_names, map(float, np.maximum(low, high)), strict=True))
+    if fold is not None and high is not None:
         outputs |= _values("fold", fold.value, fold.omega, named(fold.gradient)) | {"fold_error": 0.0}
-        outputs |= {f"fold_{c}": peaks[c] for c in system.nonlinear_coordinates}
+        places = [(c, system.coordinate_names.index(c)) for c in system.nonlinear_coordinates]
+        outputs |= {f"fold_{c}": float(high[place]) for c, place in places}
         status = f"fold at {fold.value:.6g}; {status}"
     return outputs | {"status": status, "failed": failed}

@@ -634,6 +634,14 @@ class TestBatches:
         np.testing.assert_allclose(together["critical"].values, found.critical, rtol=1e-9)
         assert (together["complete"].values == found.complete).all()
 
+    def test_a_batch_gives_what_following_the_branches_gives(self, points, together):
+        """SOLVER: the folds, their gradients and peaks are those of exact cycles found on the branch."""
+        options = {"interval": [40.0, 160.0]}
+        rows = hb.sweep("critical", points, problem="yang1995", options=options, workers=0)
+        assert rows["complete"].values.all() and rows["fold_error"].values.max() < 1e-6
+        for name in ("critical", "fold_q1", "fold_q3", "fold_omega", "hopf", "dfold_dlam", "dfold_dK2", "dhopf_dK1"):
+            np.testing.assert_allclose(together[name].values, rows[name].values, rtol=1e-7)
+
     def test_a_batch_that_fails_is_done_one_by_one(self, points, together, monkeypatch):
         def failing(system, points, **options):
             raise ZeroDivisionError
