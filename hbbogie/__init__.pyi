@@ -22,6 +22,7 @@ from .branches.continuation import trace as trace
 from .branches.cycles import find_cycles as find_cycles
 from .collocation.method import Collocation as Collocation
 from .critical.charts import chart as chart
+from .critical.designs import critical_speeds_of as critical_speeds_of
 from .critical.folds import fold as fold
 from .critical.speeds import critical_speeds as critical_speeds
 from .design.identification import identify as identify

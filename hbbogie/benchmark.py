@@ -1,5 +1,8 @@
 """Benchmarks: ``python -m hbbogie.benchmark`` measures the main steps on Yang's bogie and prints them.
 
+``python -m hbbogie.benchmark reliability --count 200`` counts how often random bogies, damaged stores and killed
+studies end as they should.
+
 Each figure is the best of several single-threaded runs on this machine. Elapsed time is shown beside the processor time
 of this process, which is less sensitive to other work on the machine. Parts can be named: ``exact``, ``collocation``,
 ``balance``, ``explorer``; the last moves sliders in a browser.
@@ -7,6 +10,7 @@ of this process, which is less sensitive to other work on the machine. Parts can
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import os
 import platform
@@ -28,6 +32,7 @@ import numpy as np
 from hbbogie import (
     HarmonicBalance,
     critical_speeds,
+    critical_speeds_of,
     find_cycles,
     floquet,
     fold,
@@ -38,14 +43,14 @@ from hbbogie import (
     trace,
     verify,
 )
+from hbbogie.benchmark_reliability import measure_reliability, print_reliability
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.special import judged
 from hbbogie.collocation.starting import from_motion, from_orbit
 from hbbogie.collocation.walk import follow as follow_on_mesh
-from hbbogie.critical.designs import critical_speeds_of
-from hbbogie.errors import named
+from hbbogie.errors import unknown_name
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.starting import at_grazing
 from hbbogie.exact.walk import Walk, follow
@@ -293,12 +298,25 @@ def _peak_memory() -> float:
     return kilobytes / (1e6 if sys.platform == "darwin" else 1e3)
 
 
-def main(parts: Sequence[str] = ()) -> None:
-    """Measure and print: all parts, or those named."""
-    table, known = Table(), {"exact": measure_exact, "collocation": measure_collocation, "balance": measure}
+def main(arguments: Sequence[str] = ()) -> None:
+    """Measure and print what the arguments of the command line ask for: all parts, those named, or reliability."""
+    known = {"exact": measure_exact, "collocation": measure_collocation, "balance": measure}
     known |= {"auto": measure_auto, "explorer": measure_explorer}
-    for part in parts or known:
-        known[named("benchmark", "part", part, known)](table)
+    parser = argparse.ArgumentParser(prog="python -m hbbogie.benchmark", description=__doc__)
+    parser.add_argument("parts", nargs="*", help=f"{', '.join(known)}; or reliability")
+    parser.add_argument("--count", type=int, default=200, help="random bogies and flipped bits of reliability")
+    given = parser.parse_args(arguments)
+    if given.parts == ["reliability"]:
+        if given.count < 1:
+            parser.error(f"--count {given.count}: give a whole number, 1 or more")
+        print_reliability(measure_reliability(given.count))
+        return
+    for part in given.parts:
+        if part not in known:
+            parser.error(unknown_name("part", part, [*known, "reliability"]))
+    table = Table()
+    for part in given.parts or known:
+        known[part](table)
     width = max(len(what) for what, *_ in table.rows)
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     print(f"{platform.machine()}, {os.cpu_count()} processors{load}; times in ms")

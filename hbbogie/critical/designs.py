@@ -1,4 +1,4 @@
-"""Critical values of many designs at once, for systems that are linear between switchings."""
+"""Critical values of many designs: all at once for systems that are linear between switchings, else one by one."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.brief import brief
+from hbbogie.critical.speeds import critical_speeds
 from hbbogie.errors import ModelError, door
 from hbbogie.exact.critical import critical_values
-from hbbogie.model.ranges import default_reach
+from hbbogie.exact.model import switched_linear
+from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
@@ -37,8 +39,11 @@ class CriticalDesigns:
     hopf_gradient : dict of ndarray, each of shape (D,), unit of the parameter per unit of each
     failed : ndarray of bool, shape (D,)
         Whether it is not known if there is a fold.
+    complete : ndarray of bool, shape (D,)
+        Whether the branches from all Hopf points were followed to their ends. Where the fold was found from that of the
+        nominal design they were not: there may be a second one, lower.
     status : tuple of D str
-        How each fold was found; where there is none, how the branch goes on, as evidence.
+        How each fold was found; where there is none, how the branches go on, as evidence.
     """
 
     parameter: str
@@ -50,6 +55,7 @@ class CriticalDesigns:
     hopf_omega: Array
     hopf_gradient: dict[str, Array]
     failed: NDArray[np.bool_]
+    complete: NDArray[np.bool_]
     status: tuple[str, ...]
 
     __repr__ = brief
@@ -68,17 +74,18 @@ def critical_speeds_of(
     parameter: str = "V",
     interval: tuple[float, float] | None = None,
 ) -> CriticalDesigns:
-    """Find the first Hopf point and the fold below it of many designs, with their gradients, in closed form.
+    """Find the first Hopf point and the fold below it of many designs, with their gradients.
 
-    The folds are those of exact cycles, without harmonics that are left out. All designs are solved for together,
-    from the fold of the system's own parameter values; where that fails, the branch of the design is followed from
-    its Hopf point. For any other system, and for every critical value of one, there is `critical_speeds`.
+    Where the system is linear between the switchings of piecewise-linear laws, all designs are solved for together, in
+    closed form: the folds are those of exact cycles, without harmonics that are left out, and the search begins at the
+    fold of the system's own parameter values. Where that fails, the branches of the design are followed from its Hopf
+    points. Any other system is done one design at a time by `critical_speeds`.
 
     Parameters
     ----------
     system : System
-        Linear between the switchings of piecewise-linear laws. Its own parameter values are the nominal design, and
-        those of every design in all parameters that the points leave out.
+        Its own parameter values are the nominal design, and those of every design in all parameters that the points
+        leave out.
     points : mapping from name to array_like, shape (D,), unit of the parameter
         Parameter values of the designs; a single number serves all of them.
     parameter : str
@@ -93,9 +100,10 @@ def critical_speeds_of(
     Raises
     ------
     ModelError
-        When the system is not linear between switchings, for wrong names or values.
+        For wrong names or values.
     ConvergenceError
-        When the system's own parameter values have no Hopf point in the interval, or no contact that its cycles touch.
+        When a system that is linear between switchings has, at its own parameter values, no Hopf point in the interval,
+        or no contact that its cycles touch.
 
     Examples
     --------
@@ -126,7 +134,13 @@ def critical_speeds_of(
     p = np.tile(system.vector(), (D, 1))
     for name, values in designs.items():
         p[:, names.index(name)] = values
-    found = critical_values(system, p, parameter, interval or default_reach(system, parameter))
+    span = interval or default_reach(system, parameter)
+    try:
+        switched_linear(system)
+    except ModelError:
+        check_interval(system, parameter, span)
+        return _one_by_one(system, designs, parameter, span)
+    found = critical_values(system, p, parameter, span)
     hopf = found.hopf
 
     def by_name(gradient: Array) -> dict[str, Array]:
@@ -134,5 +148,32 @@ def critical_speeds_of(
 
     return CriticalDesigns(
         parameter, designs, found.fold, found.fold_omega, by_name(found.fold_gradient), hopf.value, hopf.omega,
-        by_name(hopf.gradient), found.failed, found.status,
+        by_name(hopf.gradient), found.failed, found.complete, found.status,
+    )  # fmt: skip
+
+
+def _one_by_one(
+    system: System, designs: dict[str, Array], parameter: str, span: tuple[float, float]
+) -> CriticalDesigns:
+    """Return the critical values of designs that are searched by `critical_speeds`."""
+    D, others = len(next(iter(designs.values()))), [n for n in system.parameter_names if n != parameter]
+    values = {kind: np.full((2, D), np.nan) for kind in ("fold", "hopf")}
+    slopes = {kind: {name: np.full(D, np.nan) for name in others} for kind in values}
+    complete, status = np.zeros(D, dtype=bool), []
+    for d in range(D):
+        one = system.with_parameters(**{name: float(column[d]) for name, column in designs.items()})
+        found = critical_speeds(one, parameter, span)
+        top = next((c.value for c in found if c.kind == "hopf"), np.inf)
+        for kind in values:
+            c = next((c for c in found if c.kind == kind and c.value <= top), None)
+            if c is not None:
+                values[kind][:, d] = c.value, c.omega
+                for name, slope in c.gradient.items():
+                    slopes[kind][name][d] = slope
+        complete[d] = found.complete
+        status.append("; ".join(["no fold"] * bool(np.isnan(values["fold"][0, d])) + [*found.evidence]))
+    (fold, fold_omega), (hopf, hopf_omega) = values.values()
+    return CriticalDesigns(
+        parameter, designs, fold, fold_omega, slopes["fold"], hopf, hopf_omega, slopes["hopf"],
+        np.isnan(fold) & ~complete, complete, tuple(status),
     )  # fmt: skip

@@ -42,8 +42,8 @@ def with_error(system: System, critical: Critical, harmonics: int) -> Critical:
     finer = 2 * harmonics + 1
     error, said = (
         _from_exact(system, critical)
-        or _from_more(HarmonicBalance(finer).equations(system), critical, REST, f"{finer} harmonics lead")
-        or _from_more(Collocation().equations(system), critical, 1 + SLACK, "collocation leads")
+        or bound_from(HarmonicBalance(finer).equations(system), critical, REST, f"{finer} harmonics lead")
+        or bound_from(Collocation().equations(system), critical, 1 + SLACK, "collocation leads")
         or NONE
     )
     error += ROUND_OFF * abs(critical.value)
@@ -63,7 +63,7 @@ def _from_exact(system: System, critical: Critical) -> tuple[float, str] | None:
     return (1 + SLACK) * abs(critical.value - exact.value), f"the fold in closed form lies at {exact.value:.12g}"
 
 
-def _from_more(
+def bound_from(
     equations: Equations | CollocationEquations, critical: Critical, share: float, what: str
 ) -> tuple[float, str] | None:
     """Return a share of the distance from the fold of other equations and what leads to it, None where nothing does."""

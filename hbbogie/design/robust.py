@@ -1,4 +1,4 @@
-"""Critical values under uncertain parameters: moments from exact derivatives, and Monte Carlo to check them."""
+"""Critical values under uncertain parameters: moments from exact derivatives."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from hbbogie.brief import brief
-from hbbogie.design.point import DesignPoint, Row, critical_rows, design_point
+from hbbogie.design.point import DesignPoint, Row, critical_rows
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
-from hbbogie.progress import Progress, silent
-from hbbogie.results.failure import FAILURES, ConvergenceError
 
 Array = NDArray[np.float64]
 
@@ -147,7 +145,7 @@ def spreads(point: DesignPoint, uncertainty: Uncertainty) -> list[Spread]:
     uncertainty : Uncertainty
     """
     system, names = point.system, list(uncertainty.factors)
-    places = _places(system, point.parameter, uncertainty)
+    places = places_of(system, point.parameter, uncertainty)
     p = system.vector()[places]
     found = []
     for row, c in critical_rows(point):
@@ -158,7 +156,8 @@ def spreads(point: DesignPoint, uncertainty: Uncertainty) -> list[Spread]:
     return found
 
 
-def _places(system: System, parameter: str, uncertainty: Uncertainty) -> list[int]:
+def places_of(system: System, parameter: str, uncertainty: Uncertainty) -> list[int]:
+    """Return the places of the uncertain parameters among those of the system."""
     places = [system.parameter_names.index(system.parameter(n).name) for n in uncertainty.factors]
     if parameter in uncertainty.factors:
         raise ModelError(f"Uncertainty: {parameter!r} is the parameter whose critical values are computed.")
@@ -209,7 +208,7 @@ class RobustValue:
         """Return the rows."""
         system = point.system
         names = [n for n in system.parameter_names if n != point.parameter]
-        uncertain = _places(system, point.parameter, self.uncertainty)
+        uncertain = places_of(system, point.parameter, self.uncertainty)
         columns = [system.parameter_names.index(n) for n in names]
         p, shift, T = system.vector()[uncertain], self.uncertainty.moments[0], self.uncertainty.root
         rows = []
@@ -227,80 +226,6 @@ class RobustValue:
                 Row(row.name, float(row.value + a @ shift - self.k * sigma), row.gradient + shift @ H - self.k * slope)
             )
         return rows
-
-
-@dataclass(frozen=True, eq=False)
-class MonteCarlo:
-    """Smallest critical values at random designs.
-
-    Attributes
-    ----------
-    factors : ndarray, shape (count, k)
-    values : ndarray, shape (count,), unit of the parameter
-        NaN if a value could not be found; the beginning of the range if the critical value lies below it.
-    """
-
-    factors: Array
-    values: Array
-
-    __repr__ = brief
-
-    @property
-    def failed(self) -> int:
-        """Number of designs without a value."""
-        return int(np.isnan(self.values).sum())
-
-    @property
-    def known(self) -> Array:
-        """The values found."""
-        return self.values[~np.isnan(self.values)]
-
-    def probability_below(self, value: float, confidence: float = 0.95) -> tuple[float, float, float]:
-        """Return the share of designs below a value, and the Clopper-Pearson interval of the probability.
-
-        Raises
-        ------
-        ModelError
-            When no design has a value.
-        """
-        if not len(self.known):
-            raise ModelError("Monte Carlo: no design has a critical value; give a wider range.")
-        test = stats.binomtest(int((self.known < value).sum()), len(self.known))
-        interval = test.proportion_ci(confidence, method="exact")
-        return float(test.statistic), float(interval.low), float(interval.high)
-
-
-def monte_carlo(
-    point: DesignPoint, uncertainty: Uncertainty, count: int = 200, seed: int = 0, progress: Progress = silent
-) -> MonteCarlo:
-    """Find the smallest critical value at random designs about a design, starting from the folds of that design.
-
-    Parameters
-    ----------
-    point : DesignPoint
-    uncertainty : Uncertainty
-    count : int
-    seed : int
-    progress : callable
-        Called with (message, fraction done).
-    """
-    places = _places(point.system, point.parameter, uncertainty)
-    p = point.system.vector()[places]
-    factors = uncertainty.sample(count, np.random.default_rng(seed))
-    H = (point.equations.coefficients.size1_out(0) - 1) // 2
-    values = np.full(count, np.nan)
-    for i, factor in enumerate(factors):
-        progress("random designs", i / count)
-        try:
-            changed = point.system.with_parameters(
-                **dict(zip(uncertainty.factors, map(float, factor * p), strict=True))
-            )
-            values[i] = design_point(changed, point.parameter, point.interval, H, point).value
-        except ConvergenceError as error:
-            values[i] = error.statistics.get("below", np.nan)
-        except FAILURES:
-            continue  # a factor beyond the bounds of its parameter, or a numerical failure
-    return MonteCarlo(factors, values)
 
 
 def predicted(found: list[Spread], count: int = 100_000, seed: int = 0) -> Array:

@@ -23,6 +23,7 @@ from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
+BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 _Answer = tuple[Fold | None, str, bool, bool]  # the fold, what was found, whether that failed, whether it is complete
 
 
@@ -40,8 +41,8 @@ class CriticalValues:
     failed : ndarray of bool, shape (D,)
         Whether the search failed, so that it is unknown if there is a fold.
     complete : ndarray of bool, shape (D,)
-        Whether the branch was followed to its end. It is not where the fold was found from the nominal one: there may
-        be a second one, lower.
+        Whether the branches from all Hopf points were followed to their ends. They are not where the fold was found
+        from the nominal one: there may be a second one, lower.
     """
 
     folds: tuple[Fold | None, ...]
@@ -160,7 +161,7 @@ def critical_values(system: System, points: Array, parameter: str, interval: tup
     """Find the first Hopf point and the fold below it of many designs, each with its gradient.
 
     The folds are solved for together, starting from that of a nominal design. Where this fails, designs are approached
-    in steps. Where this fails as well, the branch of the design is followed from its Hopf point.
+    in steps. Where this fails as well, the branches of the design are followed from all its Hopf points.
 
     Parameters
     ----------
@@ -189,23 +190,36 @@ def _hopfs(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float
 
 
 def _followed(system: System, parameter: str, p: Array, interval: tuple[float, float]) -> tuple[float | None, _Answer]:
-    """Follow the branch of one design from its first Hopf point; return the value there, None where there is none."""
+    """Follow the branches of one design from all Hopf points; return the value of the first, None where there is none.
+
+    As in `critical_speeds`, Hopf points beyond the ends of the interval count, since their branches may lead into it.
+    """
     one = system.with_parameters(**dict(zip(system.parameter_names, map(float, p), strict=True)))
-    hopfs = hopf_points(one, parameter, interval)
-    if not hopfs:
-        return None, (None, f"no fold: there is no Hopf point from {interval[0]:g} to {interval[1]:g}", False, True)
-    try:
-        start = at_grazing(one, hopfs[0])
-        walk = follow(start, interval)
-    except ConvergenceError as error:
-        return hopfs[0].value, (None, f"the branch could not be begun: {error}", True, False)
-    complete = walk.end.complete and not (walk.marked("fold not located") or walk.marked("not located"))
-    if below := _below(walk, hopfs[0].value):
-        text = f"fold found by following the branch from its Hopf point; {walk.end}"
-        return hopfs[0].value, (_fold_at(below[0]), text, False, complete)
-    falling = "falls" if start.direction < 0 else "rises"
-    text = f"no fold: at its grazing the branch {falling}, {len(walk.points)} points followed; {walk.end}"
-    return hopfs[0].value, (None, text, not complete, complete)
+    low, high = interval
+    wide = check_interval(one, parameter, (low - BEYOND * (high - low), high + BEYOND * (high - low)))
+    hopfs = hopf_points(one, parameter, wide)
+    first = next((hopf.value for hopf in hopfs if low <= hopf.value <= high), None)
+    below: list[Point] = []
+    said = [] if first is not None else [f"there is no Hopf point from {low:g} to {high:g}"]
+    lost = list(hopfs.undecided)
+    for hopf in hopfs:
+        name = "the branch" if hopf.value == first else f"that of the Hopf point at {hopf.value:.6g}"
+        try:
+            start = at_grazing(one, hopf)
+            walk = follow(start, wide)
+        except ConvergenceError as error:
+            lost.append(f"{name} could not be begun: {error}")
+            continue
+        below += [q for q in _below(walk, high if first is None else first) if q.value >= low]
+        slope = "falls" if start.direction < 0 else "rises"
+        said.append(f"at its grazing {name} {slope}, {len(walk.points)} points followed; {walk.end}")
+        doubt = [q.value for kind in ("fold not located", "not located") for q in walk.marked(kind)]
+        lost += [f"{name} turns or changes at {value:.6g} in a way that was not resolved" for value in doubt]
+        lost += [] if walk.end.complete else [f"{name} was not followed to its end"]
+    fold = min(below, key=lambda q: q.value, default=None)
+    found = "fold found by following" if fold else "it is not known whether there is a fold" if lost else "no fold"
+    text = f"{found}: {'; '.join([*said, *lost])}"
+    return first, (_fold_at(fold) if fold else None, text, bool(lost) and not fold, not lost)
 
 
 def _fold_at(point: Point) -> Fold:

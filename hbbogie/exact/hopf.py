@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 ITERATIONS = 20
 LARGEST = 0.3  # largest change of the parameter in one step, relative to its value
-BELOW = 8  # values below a Hopf point at which the stability of the equilibrium is checked
+BELOW = 16  # values below a Hopf point at which the stability of the equilibrium is checked
 
 
 @dataclass(frozen=True, eq=False)

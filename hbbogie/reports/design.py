@@ -14,7 +14,8 @@ from hbbogie.branches.continuation import trace
 from hbbogie.design.criteria import CriticalValue, Expression
 from hbbogie.design.optimisation import Design, optimise
 from hbbogie.design.point import DesignPoint, stable_cycle
-from hbbogie.design.robust import MonteCarlo, RobustValue, Uncertainty, monte_carlo, predicted, predicted_below, spreads
+from hbbogie.design.robust import RobustValue, Uncertainty, predicted, predicted_below, spreads
+from hbbogie.design.samples import MonteCarlo, monte_carlo
 from hbbogie.design.single_program import single_level
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError

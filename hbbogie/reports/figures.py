@@ -152,3 +152,21 @@ def draw(name: str, *args: Any, **kwargs: Any) -> Figure:
 
     figure: Figure = getattr(plot, name)(*args, **kwargs).figure.figure
     return figure
+
+
+def drawn_or_reason(draws: Callable[[], Figure]) -> Figure:
+    """Return a figure; where it cannot be drawn, one that says so."""
+    from hbbogie.plot.studies import unavailable
+
+    try:
+        figure = draws()
+        figure.draw_without_rendering()  # where axes without a value show
+        return figure
+    except Exception as error:
+        return unavailable(reason_of(error)).figure.figure
+
+
+def reason_of(error: Exception) -> str:
+    """Return why something could not be done, in one line."""
+    text = str(error).strip().partition("\n")[0]
+    return text if isinstance(error, ModelError) else f"{type(error).__name__}: {text}"

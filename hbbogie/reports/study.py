@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.reports.figures import draw
+from hbbogie.reports.figures import draw, drawn_or_reason, reason_of
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.studies.dataset import names_of
@@ -59,10 +59,10 @@ def report_of(
         try:
             more, draws = _figure(data, dict(figure), k)
         except Exception as error:  # one figure must not cost the others
-            notes.append(f"Figure {k} ({figure['kind']}): {_reason(error)}")
+            notes.append(f"Figure {k} ({figure['kind']}): {reason_of(error)}")
             continue
         tables += more
-        drawn[f"{k}_{figure['kind']}"] = partial(_drawn, draws)
+        drawn[f"{k}_{figure['kind']}"] = partial(drawn_or_reason, draws)
     if data["failed"].values.any():
         tables.append(_failures(data))
     return Report(title, tuple(tables), {}, drawn, (*damage(data), *notes), {"attributes": dict(data.attrs)})
@@ -74,21 +74,6 @@ def damage(data: xr.Dataset) -> tuple[str, ...]:
     if not points:
         return ()
     return (f"Damaged in the store: {listed(points)}. Resume the study to compute these points anew.",)
-
-
-def _drawn(draws: Callable[[], Figure]) -> Figure:
-    """Return a figure; where it cannot be drawn, one that says so."""
-    from hbbogie.plot.studies import unavailable
-
-    try:
-        return draws()
-    except Exception as error:
-        return unavailable(_reason(error)).figure.figure
-
-
-def _reason(error: Exception) -> str:
-    text = str(error).strip().partition("\n")[0]
-    return text if isinstance(error, ModelError) else f"{type(error).__name__}: {text}"
 
 
 def _about(data: xr.Dataset) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -9,14 +10,16 @@ from numpy.typing import NDArray
 
 from hbbogie.critical.speeds import critical_speeds
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import pair, whole
-from hbbogie.exact.critical import nominal_design
-from hbbogie.exact.starting import cycle_of
+from hbbogie.errors import ModelError, pair, unknown_name, whole
+from hbbogie.exact.critical import CriticalValues, NominalDesign, nominal_design
+from hbbogie.exact.peaks import peaks
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
+Array = NDArray[np.float64]
 Outputs = dict[str, Any]
+METHODS = ("auto", "exact", "mhb", "collocation", "batch")
 Interval = Annotated[tuple[float, float], pair]
 Harmonics = Annotated[int, whole]
 
@@ -25,9 +28,9 @@ def smallest_critical(
     system: System,
     parameter: str = "V",
     interval: Interval | None = None,
-    harmonics: Harmonics = 15,
+    harmonics: Harmonics | None = None,
     gradients: bool = True,
-    method: Literal["mhb", "exact"] = "mhb",
+    method: Literal["auto", "exact", "mhb", "collocation", "batch"] = "auto",
 ) -> Outputs:
     """Find the critical values of a parameter, with their gradients.
 
@@ -37,15 +40,16 @@ def smallest_critical(
     parameter : str
     interval : (float, float), optional, unit of the parameter
         Where to look.
-    harmonics : int
-        Highest harmonic.
+    harmonics : int, optional
+        Highest harmonic, as for `hbbogie.critical_speeds`.
     gradients : bool
         Whether the outputs hold ``dfold_d<name>`` and ``dhopf_d<name>`` for every parameter.
-    method : {"mhb", "exact"}
-        "mhb" is harmonic balance: the answer is that of `hbbogie.critical_speeds`. "exact" takes cycles in closed form,
-        for systems that are linear between switchings: the first Hopf point and the fold below it of the branch that
-        begins there, from the fold of the parameters' own values where that leads there; then the branch is not
-        followed, and a second fold may lie lower. It has no use for ``harmonics``, and does not count ``hopfs``.
+    method : {"auto", "exact", "mhb", "collocation", "batch"}
+        The first four are those of `hbbogie.critical_speeds`, whose answer is given. "batch" is that of
+        `hbbogie.critical_speeds_of`, for systems that are linear between switchings, many points together: the first
+        Hopf point and the fold below it, from the fold of the parameters' default values where that leads there; then
+        ``complete`` is 0, since the branch is not followed, and a second fold may lie lower. Elsewhere the branches
+        from all Hopf points are followed. It has no use for ``harmonics``, and does not count ``hopfs``.
 
     Returns
     -------
@@ -57,10 +61,12 @@ def smallest_critical(
         ``complete``, 1 where every branch was followed to its end and 0 elsewhere; and the gradients. "No fold" with
         the evidence is an answer; a branch that cannot be followed is not.
     """
+    if method not in METHODS:
+        raise ModelError(f"job critical: {unknown_name('method', method, METHODS)}")
     span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
-    if method == "exact":
-        return _exact(system, parameter, span, gradients)
-    found = critical_speeds(system, parameter, span, harmonics=harmonics)
+    if method == "batch":
+        return _alone(system, parameter, span, gradients)
+    found = critical_speeds(system, parameter, span, method=method, harmonics=harmonics)
     hopfs = [c for c in found if c.kind == "hopf"]
     folds = [c for c in found if c.kind == "fold" and (not hopfs or c.value < hopfs[0].value)]
     outputs: Outputs = {"kind": "", "folds": len(folds), "hopfs": len(hopfs), "complete": float(found.complete)}
@@ -92,35 +98,75 @@ def _depth(critical: float, hopf: float) -> Outputs:
     return {"depth": 100 * (1 - critical / hopf)} if hopf else {}
 
 
-def _exact(system: System, parameter: str, span: tuple[float, float], gradients: bool) -> Outputs:
-    """Return the outputs of the job from cycles in closed form."""
+def critical_of_many(
+    system: System,
+    points: Sequence[Mapping[str, float]],
+    parameter: str = "V",
+    interval: Interval | None = None,
+    harmonics: Harmonics | None = None,
+    gradients: bool = True,
+    method: str = "batch",
+) -> list[Outputs]:
+    """Do the job with ``method="batch"`` at many points together.
+
+    Parameters
+    ----------
+    system : System
+    points : sequence of mappings
+        Parameter values of each point, by name, in the unit of each.
+    parameter, interval, harmonics, gradients, method
+        As for `smallest_critical`.
+    """
+    systems = [system.with_parameters(**point) for point in points]
+    span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
+    nominal = _nominal(system, parameter, span)
+    found = nominal.critical_values(np.array([one.vector() for one in systems]))
+    heights = iter(peaks([fold for fold in found.folds if fold]))
+    return [
+        _outputs(one, found, d, next(heights) if found.folds[d] else None, parameter, gradients)
+        for d, one in enumerate(systems)
+    ]
+
+
+def _nominal(system: System, parameter: str, span: tuple[float, float]) -> NominalDesign:
+    """Return the default parameter values as the design from which searches begin; it is built once."""
     own = system.with_parameters(**{p.name: p.default for p in system.parameters})
+    return system.once(("nominal design", parameter, span), lambda: nominal_design(own, parameter, span))
+
+
+def _alone(system: System, parameter: str, span: tuple[float, float], gradients: bool) -> Outputs:
+    """Return the outputs of the job from cycles in closed form."""
     try:
-        nominal = system.once(("nominal design", parameter, span), lambda: nominal_design(own, parameter, span))
+        return critical_of_many(system, [{}], parameter, span, gradients=gradients)[0]
     except ConvergenceError:  # the point is its own beginning
         if not hopf_points(system, parameter, span):
             return {"kind": "", "folds": 0, "status": f"no Hopf point from {span[0]:g} to {span[1]:g}"}
-        nominal = nominal_design(system, parameter, span)
-    found = nominal.critical_values(system.vector()[None])
-    fold, hopf, status = found.folds[0], found.hopf, found.status[0]
-    value, outputs = float(hopf.value[0]), Outputs()
+        found = nominal_design(system, parameter, span).critical_values(system.vector()[None])
+    high = next(iter(peaks([fold for fold in found.folds if fold])), None)
+    return _outputs(system, found, 0, high, parameter, gradients)
 
-    def named(gradient: NDArray[np.float64]) -> dict[str, float]:
+
+def _outputs(
+    system: System, found: CriticalValues, d: int, high: Array | None, parameter: str, gradients: bool
+) -> Outputs:
+    """Return the outputs of one of the designs whose critical values were found together, with the fold's peaks."""
+    fold, hopf, status, failed = found.folds[d], float(found.hopf.value[d]), found.status[d], bool(found.failed[d])
+
+    def named(gradient: Array) -> dict[str, float]:
         by_name = zip(system.parameter_names, map(float, gradient), strict=True)
         return {name: slope for name, slope in by_name if name != parameter} if gradients else {}
 
-    if np.isnan(value):
-        return {"kind": "", "folds": 0, "status": status, "failed": bool(found.failed[0])}
-    if not found.failed[0]:
-        outputs = {"kind": "hopf", "critical": value, "folds": int(bool(fold))}
-        if fold is not None:
-            outputs |= {"kind": "fold", "critical": fold.value}
-        outputs |= _depth(outputs["critical"], value) | {"complete": float(found.complete[0])}
-    outputs |= _values("hopf", value, float(hopf.omega[0]), named(hopf.gradient[0]))
+    outputs: Outputs = {"kind": "", "folds": int(fold is not None), "complete": float(found.complete[d])}
     if fold is not None:
-        low, high = (np.abs(side) for side in cycle_of(fold).extremes)
-        peaks = dict(zip(system.coordinate_names, map(float, np.maximum(low, high)), strict=True))
+        outputs |= {"kind": "fold", "critical": fold.value}
+    elif not np.isnan(hopf) and not failed:
+        outputs |= {"kind": "hopf", "critical": hopf}
+    if not np.isnan(hopf):
+        outputs |= _values("hopf", hopf, float(found.hopf.omega[d]), named(found.hopf.gradient[d]))
+        outputs |= _depth(outputs["critical"], hopf) if not failed else {}
+    if fold is not None and high is not None:
         outputs |= _values("fold", fold.value, fold.omega, named(fold.gradient)) | {"fold_error": 0.0}
-        outputs |= {f"fold_{c}": peaks[c] for c in system.nonlinear_coordinates}
+        places = [(c, system.coordinate_names.index(c)) for c in system.nonlinear_coordinates]
+        outputs |= {f"fold_{c}": float(high[place]) for c, place in places}
         status = f"fold at {fold.value:.6g}; {status}"
-    return outputs | {"status": status, "failed": bool(found.failed[0])}
+    return outputs | {"status": status, "failed": failed}

@@ -23,7 +23,7 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.problem import load_problem
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
-from hbbogie.studies.critical_job import Harmonics, Interval, Outputs, smallest_critical
+from hbbogie.studies.critical_job import Harmonics, Interval, Outputs, critical_of_many, smallest_critical
 
 __all__ = ["JOBS", "Outputs", "branch", "compare", "cycles", "job_function", "output_units", "smallest_critical"]
 
@@ -146,6 +146,10 @@ JOBS: dict[Any, Callable[..., Outputs]] = {
     "branch": branch,
     "compare": compare,
 }
+
+
+# what does a job at many points together where its method is "batch": (system, points, **options) -> outputs of each
+BATCHES: dict[Any, Callable[..., list[Outputs]]] = {smallest_critical: critical_of_many}
 
 
 def job_function(job: str | Callable[..., Outputs]) -> Callable[..., Outputs]:

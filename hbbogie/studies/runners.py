@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -16,10 +16,11 @@ from hbbogie.errors import ModelError
 from hbbogie.parallel.pool import Pool, worker_pool
 from hbbogie.parallel.processes import cores
 from hbbogie.studies.optional import required
-from hbbogie.studies.tasks import Outcome, Task, run_point, stop_study
+from hbbogie.studies.tasks import Item, Outcome, Task, run_points, stop_study
 
 EVERY_CLUSTER = 2.0  # s between two looks at the workers of a cluster
 AHEAD = 16  # points in flight on a cluster, at least
+Promise = cf.Future[list[Outcome]]  # of the outcomes of points that were submitted together
 
 
 class Runner:
@@ -37,24 +38,24 @@ class Runner:
         self.payload, self.executor, self.window = payload, executor, window
 
     def room(self) -> int:
-        """Return how many points may be in flight."""
+        """Return how many points, or groups of points done together, may be in flight."""
         return self.window
 
-    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        """Submit a point; raise `ModelError` where the executor takes none any more."""
+    def submit(self, items: Sequence[Item]) -> Promise:
+        """Submit some points; raise `ModelError` where the executor takes none any more."""
         try:
-            return self._submit(point, values)
+            return self._submit(items)
         except RuntimeError as error:  # also that it is broken
             raise lost_executor() from error
 
-    def _submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        return self.executor.submit(run_point, self.payload, point, values)
+    def _submit(self, items: Sequence[Item]) -> Promise:
+        return self.executor.submit(run_points, self.payload, items)
 
     def renew(self, error: cf.BrokenExecutor) -> None:
         """Go on after an executor has lost a process, or raise `ModelError`."""
         raise ModelError("the executor given is broken: one of its processes died; resume with a new one.") from error
 
-    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+    def cancel(self, flying: Iterable[Promise]) -> None:
         """Begin no further point."""
         for future in flying:
             future.cancel()
@@ -70,10 +71,10 @@ class _Cluster(Runner):
         self.client, self.looked, self.study = client, 0.0, uuid.uuid4().hex
         super().__init__(payload, client.get_executor(), AHEAD)
 
-    def _submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        return self.executor.submit(run_point, self.payload, point, values, self.study)
+    def _submit(self, items: Sequence[Item]) -> Promise:
+        return self.executor.submit(run_points, self.payload, items, self.study)
 
-    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+    def cancel(self, flying: Iterable[Promise]) -> None:
         """Begin no further point; the workers are told, as Dask gives up also running points that are cancelled."""
 
         def tell() -> None:
@@ -101,7 +102,7 @@ class _Local(Runner):
         """Take other processes for those that broke."""
         self.pool.renew()
 
-    def cancel(self, flying: Iterable[cf.Future[Outcome]]) -> None:
+    def cancel(self, flying: Iterable[Promise]) -> None:
         """Begin no further point."""
         self.pool.stop()
 
@@ -118,10 +119,10 @@ class _Here(Runner):
     def __init__(self, task: Task):
         super().__init__(task, cf.Executor(), 1)
 
-    def submit(self, point: int, values: Mapping[str, float]) -> cf.Future[Outcome]:
-        """Do a point."""
-        future: cf.Future[Outcome] = cf.Future()
-        future.set_result(run_point(self.payload, point, values))
+    def submit(self, items: Sequence[Item]) -> Promise:
+        """Do some points."""
+        future: Promise = cf.Future()
+        future.set_result(run_points(self.payload, items))
         return future
 
 

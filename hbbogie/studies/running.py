@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from hbbogie.errors import ModelError
 from hbbogie.parallel.processes import LOOK, interruptions
 from hbbogie.progress import Progress
-from hbbogie.studies.runners import Runner, lost_executor
+from hbbogie.studies.runners import Promise, Runner, lost_executor
 from hbbogie.studies.store import Store
 from hbbogie.studies.store_rows import NOMINAL
 from hbbogie.studies.tasks import Outcome, check_outputs, failure
@@ -27,25 +27,27 @@ MISTAKES = (  # what a wrong option or a mistake in a job's code raises, unlike 
 EVERY = 0.2  # s between two reports of progress
 PATIENCE = 0.5  # s; within which Ctrl-C that reached a worker reaches this process
 
-Flying = dict[cf.Future[Outcome], tuple[int, dict[str, float]]]  # points and their values, by what computes them
+Flying = dict[Promise, list[tuple[int, dict[str, float]]]]  # points and their values, by what computes them
 
 
-def drive(runner: Runner, keep: Store, report: Progress) -> None:
-    """Do the missing points and store what comes back.
+def drive(runner: Runner, keep: Store, report: Progress, together: int = 1) -> None:
+    """Do the missing points, some of them together, and store what comes back.
 
     At Ctrl-C `KeyboardInterrupt` is raised when the points in flight are finished.
     """
     flying: Flying = {}
     with interruptions(raising=runner.here) as pressed:  # in this process Ctrl-C is to reach the job
         try:
-            _work(runner, keep, _Meter(keep, report), flying, pressed)
+            _work(runner, keep, _Meter(keep, report), flying, pressed, together)
         except KeyboardInterrupt:
             if not runner.here:  # what a job returns in spite of Ctrl-C may be what CasADi made of that
                 _land(runner, flying, keep, pressed)
             raise
 
 
-def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: Callable[[], int]) -> None:
+def _work(
+    runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: Callable[[], int], together: int
+) -> None:
     """Submit the missing points, a window of them at a time; ``flying`` holds what is in flight."""
     waiting = deque(keep.missing())
     suspects: deque[tuple[int, dict[str, float]]] = deque()
@@ -55,30 +57,31 @@ def _work(runner: Runner, keep: Store, meter: _Meter, flying: Flying, pressed: C
     alone = bool(waiting) and waiting[0][0] == NOMINAL
     while waiting or flying or suspects:
         if suspects and not flying:  # one at a time: who kills a worker alone is guilty
-            item = suspects.popleft()
-            flying[runner.submit(*item)] = item
+            some = [suspects.popleft()]
+            flying[runner.submit(some)] = some
         while waiting and not suspects and len(flying) < (1 if alone else runner.room()):
-            item = waiting.popleft()
-            flying[runner.submit(*item)] = item
+            some = [waiting.popleft() for _ in range(1 if alone else min(together, len(waiting)))]
+            flying[runner.submit(some)] = some
         finished, _ = cf.wait(flying, timeout=LOOK, return_when=cf.FIRST_COMPLETED)
         if pressed():
             raise KeyboardInterrupt
         broken: list[tuple[int, dict[str, float]]] = []
         for future in finished:
-            item = flying.pop(future)
+            some = flying.pop(future)
             try:
-                outcome = _outcome(future, item[0], pressed)
+                outcomes = _outcomes(future, some, pressed)
             except BrokenProcessPool as error:
-                broken.append(item)
+                broken += some
                 loss = error
                 continue
             answered, alone = True, False
-            if item[0] == NOMINAL:
-                _refuse(outcome, keep)
-            keep.put(outcome)
-            meter.count(outcome)
+            for outcome in outcomes:
+                if outcome.point == NOMINAL:
+                    _refuse(outcome, keep)
+                keep.put(outcome)
+                meter.count(outcome)
         if broken:
-            broken += flying.values()
+            broken += [item for some in flying.values() for item in some]
             flying.clear()
             alone = False
             if len(broken) == 1:  # several in flight are all suspects and none guilty
@@ -104,13 +107,13 @@ def _refuse(nominal: Outcome, keep: Store) -> None:
     check_outputs(nominal.outputs, keep.about()["parameters"])
 
 
-def _outcome(future: cf.Future[Outcome], point: int, pressed: Callable[[], int]) -> Outcome:
-    """Return the outcome of a finished future; raise where the executor as a whole is lost."""
+def _outcomes(future: Promise, items: list[tuple[int, dict[str, float]]], pressed: Callable[[], int]) -> list[Outcome]:
+    """Return the outcomes of a finished future; raise where the executor as a whole is lost."""
     if not future.cancelled() and isinstance(future.exception(), KeyboardInterrupt):
         time.sleep(PATIENCE)  # Ctrl-C at a terminal reaches this process, too
         if pressed():
             raise KeyboardInterrupt
-        return failure(point, "KeyboardInterrupt: raised by the job")
+        return [failure(point, "KeyboardInterrupt: raised by the job") for point, _ in items]
     try:
         return future.result()
     except BrokenProcessPool:
@@ -118,9 +121,8 @@ def _outcome(future: cf.Future[Outcome], point: int, pressed: Callable[[], int])
     except (cf.CancelledError, cf.BrokenExecutor) as error:
         raise lost_executor() from error
     except Exception as error:  # from the executor: the job's own are outcomes already
-        return failure(
-            point, f"the executor gave up on this point: {type(error).__name__}: {str(error).partition(chr(10))[0]}"
-        )
+        reason = f"the executor gave up on this point: {type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        return [failure(point, reason) for point, _ in items]
 
 
 def _land(runner: Runner, flying: Flying, keep: Store, pressed: Callable[[], int]) -> None:
@@ -132,14 +134,16 @@ def _land(runner: Runner, flying: Flying, keep: Store, pressed: Callable[[], int
         for future in [f for f in waiting if f.done()]:
             waiting.remove(future)
             if not future.cancelled() and future.exception() is None:
-                keep.put(future.result())
+                for outcome in future.result():
+                    keep.put(outcome)
         if not waiting:
             return
         if pressed() > 1:
             runner.kill()
             return
         if not said:
-            many = f"{len(waiting)} point{'s' * (len(waiting) != 1)}"
+            count = sum(len(flying[future]) for future in waiting)
+            many = f"{count} point{'s' * (count != 1)}"
             print(f"waiting for {many} in flight; Ctrl-C again to drop them", file=sys.stderr, flush=True)
             said = True
 

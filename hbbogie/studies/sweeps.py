@@ -48,6 +48,7 @@ def sweep(
     retry_failed: bool = False,
     accept_changes: bool = False,
     limit: float | None = None,
+    batch: int = 48,
     executor: cf.Executor | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -85,6 +86,9 @@ def sweep(
     limit : float, optional, s
         Time after which a point is a failed row. It holds for points in the main thread of a process, as those of the
         local pool are, and not on Windows.
+    batch : int
+        How many points a worker does together, where the job can do that: "critical" with ``method="batch"``. Then the
+        limit is for all of them; those of a batch that fails or takes longer are done one by one.
     executor : concurrent.futures.Executor, optional
         Where to run; it is not shut down. A pool of local processes, each with one BLAS thread, where left out.
     workers : int, optional
@@ -125,6 +129,7 @@ def sweep(
         raise ModelError(f"sweep: the points give values of {both[0]!r}, and so do the common ones; leave one out.")
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:
         raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
+    batch = whole("sweep: batch", batch)
     workers = None if workers is None else whole("sweep: workers (0 for this process)", workers, 0)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise ModelError(f"sweep: executor = {executor!r}; give a concurrent.futures.Executor.")
@@ -136,7 +141,7 @@ def sweep(
         describe_units(keep, system, function)
         try:
             with chdir("."), runner_of(task, executor, workers, scheduler) as runner:  # a job may go elsewhere
-                drive(runner, keep, progress or silent)
+                drive(runner, keep, progress or silent, batch if task.batches else 1)
         except BaseException:
             with suppress(ModelError):  # of a full disk, which would hide the reason
                 describe_units(keep, system, function)

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -24,9 +24,10 @@ from hbbogie.model.problem import load_problem, problem_file, system_of
 from hbbogie.model.system import System
 from hbbogie.parallel.processes import TimeLimit, limited, told_to_stop
 from hbbogie.studies.fingerprints import code_of, digest, options_text, problem_hash, source_of, versions
-from hbbogie.studies.jobs import JOBS, Outputs, job_function
+from hbbogie.studies.jobs import BATCHES, JOBS, Outputs, job_function
 from hbbogie.threads import one_blas_thread
 
+Item = tuple[int, Mapping[str, float]]  # number and parameter values of a point
 RESERVED = ("point", "seconds", "worker", "finished")  # names of a study's own columns, with "status" and "failed"
 
 
@@ -68,6 +69,11 @@ class Task:
     def function(self) -> Callable[..., Outputs]:
         """The job's function."""
         return job_function(self.job)
+
+    @property
+    def batches(self) -> bool:
+        """Whether the job can be done at many points together."""
+        return self.function in BATCHES and self.options.get("method") == "batch"
 
     @property
     def job_name(self) -> str:
@@ -238,6 +244,48 @@ def run_point(payload: bytes | Task, point: int, values: Mapping[str, float], st
         kind = type(error).__name__
         return failure(point, f"{kind}: {reason}", time.perf_counter() - start, worker, kind)
     return Outcome(point, outputs, status, failed, time.perf_counter() - start, worker)
+
+
+def run_points(payload: bytes | Task, items: Sequence[Item], study: str = "") -> list[Outcome]:
+    """Do the job at some points: together where the job can, else one by one; return the outcomes of those done.
+
+    Parameters
+    ----------
+    payload : bytes or Task
+        A packed `Task`; itself where it stays in its process.
+    items : sequence of (int, mapping from name to float)
+        Number and parameter values of each point.
+    study : str
+        What `stop_study` calls the study.
+    """
+    if study in _stopped or told_to_stop():
+        raise CancelledError
+    if len(items) > 1 and (together := _run_together(payload, items)):
+        return together
+    done: list[Outcome] = []
+    for point, values in items:
+        try:
+            done.append(run_point(payload, point, values, study))
+        except CancelledError:
+            if not done:
+                raise
+            break
+    return done
+
+
+@one_blas_thread()
+def _run_together(payload: bytes | Task, items: Sequence[Item]) -> list[Outcome]:
+    """Return the outcomes of points that the job does together; none where they have to be done one by one."""
+    start, worker = time.perf_counter(), f"{platform.node()}:{os.getpid()}"
+    try:
+        system, job, options, limit = _ready(payload)
+        with limited(limit):
+            found = BATCHES[job](system, [values for _, values in items], **options)
+            checked = [_checked(each, values) for each, (_, values) in zip(found, items, strict=True)]
+    except (Exception, TimeLimit):  # whatever it is: the points themselves will show it
+        return []
+    seconds = (time.perf_counter() - start) / len(items)
+    return [Outcome(point, *each, seconds, worker) for (point, _), each in zip(items, checked, strict=True)]
 
 
 def _hears_interrupts() -> bool:

@@ -261,7 +261,7 @@ def test_figures_are_left_out_or_of_the_form_asked_for(tmp_path):
         assert {f.suffix for f in folder.iterdir()} == {".nc", ".csv"} | endings
 
 
-@pytest.mark.parametrize("command", ["cycles", "critical", "branch"])
+@pytest.mark.parametrize("command", ["run", "cycles", "critical", "branch"])
 def test_a_limit_of_time_is_told(command, tmp_path):
     where = ["--output", tmp_path / command]
     result = call(command, "yang1995", "--limit", "1e-6", "--json", *where)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.critical import critical_speeds_of
+from hbbogie import critical_speeds_of
 from hbbogie.errors import ModelError
 from hbbogie.exact import at_grazing, follow
 from hbbogie.results import ConvergenceError
@@ -74,6 +74,24 @@ def test_what_cannot_be_asked(bogie):
             critical_speeds_of(bogie, points, interval=SPAN)
     with pytest.raises(ConvergenceError, match="no Hopf point"):
         critical_speeds_of(bogie, {"lam": [0.05]}, interval=(10.0, 20.0))
-    with pytest.raises(ModelError, match="nothing that switches"):
+    with pytest.raises(ModelError, match="low < high"):
         smooth = hb.load_problem("bautin").bautin()
-        critical_speeds_of(smooth, {"a": [1.0]}, parameter="mu", interval=(-2.0, 0.5))
+        critical_speeds_of(smooth, {"a": [1.0]}, parameter="mu", interval=(0.5, -2.0))
+
+
+def test_designs_of_a_smooth_system_in_closed_form():
+    """Bautin's fold lies at -a^2 / 4, and its Hopf point at 0; both are found one design at a time."""
+    a = np.array([0.5, 1.0, 1.5])
+    found = critical_speeds_of(hb.load_problem("bautin").bautin(), {"a": a}, parameter="mu", interval=(-2.0, 0.5))
+    np.testing.assert_allclose(found.fold, -(a**2) / 4, rtol=1e-8)
+    np.testing.assert_allclose(found.fold_gradient["a"], -a / 2, rtol=1e-6)
+    np.testing.assert_allclose(found.hopf, 0.0, atol=1e-9)
+    assert found.complete.all() and not found.failed.any() and (found.critical == found.fold).all()
+
+
+def test_what_is_said_to_be_complete_was_followed(bogie):
+    """From the nominal fold nothing is followed, and the row says so; without a fold all branches were followed."""
+    found = critical_speeds_of(bogie, {"lam": [0.05, 0.05], "K2": [10e6, 10e6], "D2": [1e4, 3e4]}, interval=SPAN)
+    for d in range(2):
+        assert found.complete[d] == ("not followed" not in found.status[d])
+        assert np.isfinite(found.fold[d]) or "no fold" in found.status[d]

@@ -10,6 +10,7 @@ import hbbogie as hb
 from hbbogie.design import (
     MonteCarlo,
     RobustValue,
+    SampledQuantile,
     Spread,
     Uncertainty,
     design_point,
@@ -138,6 +139,51 @@ def test_a_robust_optimum_in_closed_form():
     assert found.value == pytest.approx(1 / 1.5, rel=1e-9)
 
 
+def test_a_sampled_quantile_in_closed_form():
+    """The fold -a^2 x^2 / 4: SciPy's quantile of Harrell and Davis of the true values; its derivative is 2 v / a."""
+    system = hb.load_problem("bautin").bautin(a=1.5)
+    point, uncertain = design_point(system, "mu", (-2.5, 0.5), 3), Uncertainty({"a": stats.norm(1, 0.1)})
+    (row,) = SampledQuantile(uncertain, 0.1, 30, seed=2).rows(point)
+    true = -((1.5 * uncertain.sample(30, np.random.default_rng(2))[:, 0]) ** 2) / 4
+    assert row.value == pytest.approx(float(stats.mstats.hdquantiles(true, [0.1])[0]), rel=1e-8)
+    assert row.gradient[system.parameter_names.index("a")] == pytest.approx(2 * row.value / 1.5, rel=1e-6)
+
+
+def test_a_sampled_optimum_in_closed_form():
+    """The Hopf point 2 s - s^2 x: with Q the upper quantile of x, the lower one has its maximum 1 / Q at s = 1 / Q."""
+    x, y = hb.Coordinate("x"), hb.Coordinate("y")
+    mu, s, e = hb.Parameter("mu", 0.0), hb.Parameter("s", 0.4), hb.Parameter("e", 1.0)
+    rate = mu - 2 * s + s**2 * e - x**2 - y**2
+    system = hb.System("parabola", [x, y], [mu, s, e], [x.dot - rate * x + y, y.dot - rate * y - x])
+    uncertain = Uncertainty({"e": stats.norm(1, 0.25)})
+    quantile = SampledQuantile(uncertain, 0.1, 6, seed=1)
+    found = hb.optimise(
+        system, raise_="mu", over={"s": (0.1, 1.5)}, maximise=quantile, interval=(-3.0, 3.0), harmonics=3
+    )
+    Q = float(stats.mstats.hdquantiles(uncertain.sample(6, np.random.default_rng(1))[:, 0], [0.9])[0])
+    assert found.converged and found.parameters["s"] == pytest.approx(1 / Q, rel=1e-4)
+    assert found.value == pytest.approx(1 / Q, rel=1e-6)
+
+
+def test_random_bogies_are_solved_for_in_batches(bogie, point):
+    """SOLVER: as by the function for many designs; ORDER: the gradient of the quantile by central differences."""
+    uncertain = Uncertainty(FACTORS)
+    drawn = monte_carlo(point, uncertain, 24, seed=4)
+    designs = {name: bogie.values[name] * drawn.factors[:, i] for i, name in enumerate(FACTORS)}
+    found = hb.critical_speeds_of(bogie, designs, interval=(60.0, 190.0))
+    np.testing.assert_allclose(drawn.values, found.critical, rtol=1e-10)
+    quantile, h = SampledQuantile(uncertain, 0.2, 24, seed=4), 1e-4
+    (row,) = quantile.rows(point)
+    assert np.sort(drawn.values)[0] < row.value < np.median(drawn.values)
+    for name in ("K1", "b"):  # one that is uncertain, one that is not
+        sides = []
+        for sign in (1, -1):
+            system = bogie.with_parameters(**{name: bogie.values[name] * (1 + sign * h)})
+            sides += [r.value for r in quantile.rows(design_point(system, "V", (60.0, 190.0), near=point))]
+        slope = row.gradient[bogie.parameter_names.index(name)] * bogie.values[name]
+        assert (sides[0] - sides[1]) / (2 * h) == pytest.approx(slope, rel=1e-5, abs=1e-5)
+
+
 def test_wrong_input(point):
     with pytest.raises(hb.ModelError, match="names no parameter"):
         Uncertainty({})
@@ -145,6 +191,14 @@ def test_wrong_input(point):
         Uncertainty({"a": stats.cauchy()})
     with pytest.raises(hb.ModelError, match="normal factors"):
         Uncertainty({"a": stats.uniform(), "b": stats.norm()}, np.eye(2))
+    for q in (0.0, 1.0, -0.1, 5, float("nan")):
+        with pytest.raises(hb.ModelError, match="between 0 and 1"):
+            SampledQuantile(Uncertainty(FACTORS), q)
+    for count in (0, 1.5, -3, float("inf"), "many"):
+        with pytest.raises(hb.ModelError, match="count"):
+            SampledQuantile(Uncertainty(FACTORS), 0.05, count)
+        with pytest.raises(hb.ModelError, match="count"):
+            monte_carlo(point, Uncertainty(FACTORS), count)
     with pytest.raises(hb.ModelError, match="between 0 and 1"):
         RobustValue.quantile(Uncertainty(FACTORS), 5)
     with pytest.raises(hb.ModelError, match="unknown parameter 'k1'"):

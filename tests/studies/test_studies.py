@@ -260,8 +260,10 @@ class TestSweep:
         with pytest.raises(hb.ModelError, match=message):
             sweep(folder, job, {"k": [1.0]}, options=options)
 
-    def test_options_of_a_shipped_job_are_checked_at_the_nominal_point(self, tmp_path):
-        with pytest.raises(hb.ModelError, match=r"unknown method 'exct'. Did you mean 'exact'"):
+    def test_options_of_a_shipped_job_are_checked_before_it_starts(self, tmp_path):
+        with pytest.raises(
+            hb.ModelError, match=r"got 'exct'; give one of 'auto', 'exact', 'mhb', 'collocation', 'batch'"
+        ):
             options, store = {"method": "exct"}, tmp_path / "s.db"
             hb.sweep("critical", {"a": [1.0]}, problem="bautin", options=options, store=store, workers=0)
         assert not (tmp_path / "s.db").exists()
@@ -447,20 +449,20 @@ class TestCritical:
         options = {"interval": [40.0, 160.0]}
         data = {
             method: hb.sweep("critical", points, problem="yang1995", options=options | more, workers=0)
-            for method, more in (("mhb", {"harmonics": 31}), ("exact", {"method": "exact"}))
+            for method, more in (("mhb", {"harmonics": 31}), ("batch", {"method": "batch"}))
         }
-        assert set(data["mhb"]) - set(data["exact"]) == {"hopfs"} and set(data["exact"]) <= set(data["mhb"])
-        assert not data["exact"]["failed"].any()
+        assert set(data["mhb"]) - set(data["batch"]) == {"hopfs"} and set(data["batch"]) <= set(data["mhb"])
+        assert not data["batch"]["failed"].any()
         for name, tolerance in (("critical", 1e-5), ("hopf", 1e-9), ("fold_omega", 1e-5), ("fold_q1", 1e-4)):
-            np.testing.assert_allclose(data["exact"][name], data["mhb"][name], rtol=tolerance)
+            np.testing.assert_allclose(data["batch"][name], data["mhb"][name], rtol=tolerance)
         for name in ("kind", "folds"):
-            assert (data["exact"][name] == data["mhb"][name]).all()
-        np.testing.assert_allclose(data["exact"]["dhopf_dlam"], data["mhb"]["dhopf_dlam"], rtol=1e-7)
-        np.testing.assert_allclose(data["exact"]["dfold_dlam"], data["mhb"]["dfold_dlam"], rtol=1e-3)
-        assert data["exact"]["dfold_dlam"].attrs["units"] == data["mhb"]["dfold_dlam"].attrs["units"]
+            assert (data["batch"][name] == data["mhb"][name]).all()
+        np.testing.assert_allclose(data["batch"]["dhopf_dlam"], data["mhb"]["dhopf_dlam"], rtol=1e-7)
+        np.testing.assert_allclose(data["batch"]["dfold_dlam"], data["mhb"]["dfold_dlam"], rtol=1e-3)
+        assert data["batch"]["dfold_dlam"].attrs["units"] == data["mhb"]["dfold_dlam"].attrs["units"]
 
-    def test_no_fold_and_no_hopf_point_are_answers_of_the_exact_method(self, bogie):
-        options = {"interval": [40.0, 160.0], "method": "exact"}
+    def test_no_fold_and_no_hopf_point_are_answers_of_a_batch(self, bogie):
+        options = {"interval": [40.0, 160.0], "method": "batch"}
         points = [{"lam": 1e-4}, {"lam": 0.05}]
         rows = hb.sweep("critical", points, problem="yang1995", options=options, workers=0)
         assert not rows["failed"].any() and rows["kind"].values.tolist() == ["", "fold"]
@@ -470,13 +472,14 @@ class TestCritical:
             hb.sweep(
                 "critical", [{"lam": 0.15}], problem="yang1995", options={"interval": [20.0, 70.0]} | more, workers=0
             )
-            for more in ({"method": "exact"}, {})
+            for more in ({"method": "batch"}, {})
         )
         np.testing.assert_allclose(exact["critical"], longer["critical"], rtol=1e-4)
 
     def test_an_exact_method_needs_straight_lines(self):
         smooth = hb.load_problem("bautin").bautin()
-        for method, message in (("exct", "Did you mean 'exact'"), ("exact", "nothing that switches")):
+        none = "nothing that switches"
+        for method, message in (("exct", "Did you mean 'exact'"), ("exact", none), ("batch", none)):
             with pytest.raises(ModelError, match=message):
                 smallest_critical(smooth, "mu", (-2.0, 0.5), method=method)
 
@@ -602,3 +605,53 @@ class TestReport:
         ax = plot.parameter_map(data, "a", "w0", "fold")
         assert ax.get_xlim() == pytest.approx((0.5, 2.0)) and "a [1/s]" in ax.get_xlabel()
         assert plot.drawing(ax.figure).startswith(b"\x89PNG")
+
+
+@pytest.fixture(scope="module")
+def points(bogie):
+    return studies.random(studies.around(bogie, 0.3, ["lam", "K1", "K2", "D2"]), 12, seed=5)
+
+
+def exactly(points, **keywords):
+    options = {"method": "batch", "interval": [40.0, 160.0]}
+    return hb.sweep("critical", points, problem="yang1995", options=options, workers=0, **keywords)
+
+
+@pytest.fixture(scope="module")
+def together(points):
+    return exactly(points, batch=5)
+
+
+class TestBatches:
+    def test_points_done_together_and_one_by_one_are_the_same(self, points, together):
+        """SOLVER: whatever the batch, and in the function as in the job."""
+        alone = exactly(points, batch=1)
+        for name in ("critical", "fold", "hopf", "complete", "failed", "fold_q1", "dfold_dlam", "dhopf_dK2"):
+            np.testing.assert_allclose(together[name].values, alone[name].values, rtol=1e-8)
+        columns = dict(zip(points.names, points.values.T, strict=True))
+        system = hb.load_problem("yang1995").bogie()
+        found = hb.critical_speeds_of(system, columns, interval=(40.0, 160.0))
+        np.testing.assert_allclose(together["critical"].values, found.critical, rtol=1e-9)
+        assert (together["complete"].values == found.complete).all()
+
+    def test_a_batch_gives_what_following_the_branches_gives(self, points, together):
+        """SOLVER: the folds, their gradients and peaks are those of exact cycles found on the branch."""
+        options = {"interval": [40.0, 160.0]}
+        rows = hb.sweep("critical", points, problem="yang1995", options=options, workers=0)
+        assert rows["complete"].values.all() and rows["fold_error"].values.max() < 1e-6
+        for name in ("critical", "fold_q1", "fold_q3", "fold_omega", "hopf", "dfold_dlam", "dfold_dK2", "dhopf_dK1"):
+            np.testing.assert_allclose(together[name].values, rows[name].values, rtol=1e-7)
+
+    def test_a_batch_that_fails_is_done_one_by_one(self, points, together, monkeypatch):
+        def failing(system, points, **options):
+            raise ZeroDivisionError
+
+        monkeypatch.setattr("hbbogie.studies.jobs.BATCHES", {studies.smallest_critical: failing})
+        monkeypatch.setattr("hbbogie.studies.tasks.BATCHES", {studies.smallest_critical: failing})
+        again = exactly(points, batch=5)
+        np.testing.assert_allclose(again["critical"].values, together["critical"].values, rtol=1e-9)
+
+    def test_the_size_of_a_batch_is_a_whole_number(self, points):
+        for batch in (0, -1, 1.5, "many", True, np.nan):
+            with pytest.raises(hb.ModelError, match="batch"):
+                exactly(points, batch=batch)

@@ -157,7 +157,7 @@ WRONG = {
         sampled("a = { low = 0.5, high = 1.0 }", extra='except = ["a"]'),
         f"{HEAD.format(job='critical')}[values]\na = 1.0\n{listed('[{ a = 1.0 }]').partition('critical')[2][2:]}",
         sampled("a = { low = 0.5, high = 1.0, around = 0.1 }"),
-        critical("method = 'exact'"),
+        critical("method = 'batch'"),
     ],
 }
 
@@ -180,7 +180,7 @@ def test_the_line_of_a_wrong_option_is_named(tmp_path, monkeypatch):
         "interval = [190]": "got [190]; give a list of 2 values",
         "interval = [1, 0]": "interval: got (1, 0); give two finite numbers (low, high) with low < high",
         "gradients = 'no'": "got 'no'; give true or false",
-        "method = 'hb'": "got 'hb'; give one of 'mhb', 'exact'",
+        "method = 'hb'": "got 'hb'; give one of 'auto', 'exact', 'mhb'",
         "harmonics = 0": "harmonics: got 0; give a whole number, 1 or more",
     }.items():
         (tmp_path / "s.toml").write_text(critical(f"# of the job\n{option}"))
