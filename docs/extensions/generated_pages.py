@@ -9,16 +9,17 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
-from docutils import nodes
-from sphinx.addnodes import pending_xref
-from sphinx.application import Sphinx
 from typer.cli import get_docs_for_click
 
 from hbbogie.commandline import app as application
 from hbbogie.model import default_interval, load_problem, shipped_problems, system_of
+
+if TYPE_CHECKING:
+    from docutils import nodes
+    from sphinx.application import Sphinx
 
 DOCS = Path(__file__).parent.parent
 LINKED = {
@@ -148,6 +149,8 @@ def link_types(app: Sphinx, what: str, name: str, thing: Any, options: Any, line
 
 def unlink_words(app: Sphinx, doctree: nodes.document) -> None:
     """Make words of a type, such as "unit" in "float, unit of force", no links to attributes of that name."""
+    from sphinx.addnodes import pending_xref
+
     for reference in list(doctree.findall(pending_xref)):
         target = reference.get("reftarget", "")
         if (
