@@ -38,6 +38,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
+nb_merge_streams = True
 
 intersphinx_mapping = {
     name: (address, f"inventories/{name}.txt")

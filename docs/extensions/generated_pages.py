@@ -9,14 +9,17 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
-from sphinx.application import Sphinx
 from typer.cli import get_docs_for_click
 
 from hbbogie.commandline import app as application
 from hbbogie.model import default_interval, load_problem, shipped_problems, system_of
+
+if TYPE_CHECKING:
+    from docutils import nodes
+    from sphinx.application import Sphinx
 
 DOCS = Path(__file__).parent.parent
 LINKED = {
@@ -51,6 +54,12 @@ def commands_page() -> str:
 def _examples(found: re.Match[str]) -> str:
     lines = [line.removeprefix("then: ") for line in found[1].splitlines() if line]
     return "**Examples**:\n\n```console\n" + "\n".join(f"$ {line}" for line in lines) + "\n```\n"
+
+
+def picture_of(name: str) -> str:
+    """Return the picture of a problem: a moving one, where there is one."""
+    moving = f"{name}_hunting.gif"
+    return moving if (DOCS / "images" / moving).exists() else f"gallery_{name}.png"
 
 
 def title_of(name: str) -> str:
@@ -93,7 +102,7 @@ def gallery_page() -> str:
     """Return the gallery: a card for each problem."""
     names = shipped_problems()
     cards = [
-        f":::{{grid-item-card}} {name}\n:img-top: ../../images/gallery_{name}.png\n:link: {name}\n:link-type: doc\n\n"
+        f":::{{grid-item-card}} {name}\n:img-top: ../../images/{picture_of(name)}\n:link: {name}\n:link-type: doc\n\n"
         f"{title_of(name)}.\n:::\n"
         for name in names
     ]
@@ -138,8 +147,23 @@ def link_types(app: Sphinx, what: str, name: str, thing: Any, options: Any, line
         lines[:] = [pattern.sub(rf"\1:py:class:`{short} <{full}>`", line) for line in lines]
 
 
+def unlink_words(app: Sphinx, doctree: nodes.document) -> None:
+    """Make words of a type, such as "unit" in "float, unit of force", no links to attributes of that name."""
+    from sphinx.addnodes import pending_xref
+
+    for reference in list(doctree.findall(pending_xref)):
+        target = reference.get("reftarget", "")
+        if (
+            reference.get("refdomain") == "py"
+            and reference.get("reftype") == "class"
+            and re.fullmatch("[a-z_]+", target)
+        ):
+            reference.replace_self(reference.children)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Write the pages when a build begins."""
     app.connect("builder-inited", write_pages)
+    app.connect("doctree-read", unlink_words)
     app.connect("autodoc-process-docstring", link_types, priority=400)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -133,7 +133,7 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
     evidence = cycles.evidence if isinstance(cycles, Cycles) else ()
     complete = cycles.complete if isinstance(cycles, Cycles) else True
     data = {"parameters": dict(system.values), "cycles": summaries, "evidence": list(evidence), "complete": complete}
-    notes = tuple(f"{sentence[0].upper()}{sentence[1:]}." for sentence in evidence)
+    notes = tuple(f"{_begun(sentence, system)}." for sentence in evidence)
     if not cycles and not complete:
         return Report(system.name, notes=(f"No cycle found at {at}, and not all was searched.", *notes), data=data)
     if not cycles:
@@ -223,3 +223,9 @@ def quantity(system: System, parameter: str, value: float) -> str:
     """Return a parameter value as text, such as "V = 90 m/s"."""
     unit = system.parameter(parameter).unit
     return f"{parameter} = {value:.7g}{'' if unit in ('', '1') else ' ' + unit}"
+
+
+def _begun(sentence: str, system: System) -> str:
+    """Return a sentence with a capital letter, unless it begins with the name of a parameter."""
+    named = sentence.partition(" ")[0] in system.parameter_names
+    return sentence if named else sentence[0].upper() + sentence[1:]
