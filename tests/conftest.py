@@ -25,4 +25,4 @@ def branch(bogie: hb.System, balance) -> hb.Branch:
 
 @pytest.fixture(scope="session")
 def cycles_at_90(bogie: hb.System) -> list[hb.Orbit]:
-    return hb.find_cycles(bogie, V=90.0)
+    return hb.find_cycles(bogie, V=90.0, method="mhb")
