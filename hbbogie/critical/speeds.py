@@ -8,6 +8,7 @@ from typing import Any
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.critical.folds import fold
+from hbbogie.critical.groups import cycles_of_groups
 from hbbogie.critical.harmonic_error import with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.deadline import time_is_over, time_limit
@@ -42,7 +43,9 @@ def critical_speeds(
     """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
 
     Each branch is followed from its Hopf point to where it leaves the interval or ends, with 9 harmonics; with more
-    where these do not resolve its cycles or lose it. Each fold is then solved for with all harmonics.
+    where these do not resolve its cycles or lose it. Each fold is then solved for with all harmonics. Where the
+    coordinates belong to groups of bodies, motions in which one group moves below the first Hopf point lead to further
+    branches.
 
     Parameters
     ----------
@@ -89,6 +92,7 @@ def critical_speeds(
             if lo <= hopf.value <= hi:
                 search.found.append(hopf_gradient(system, hopf))
             search.follow(hopf)
+        search.look_in_groups([hopf.value for hopf in points])
         if time_is_over() and not search.undecided:
             search.undecided.append("the time limit was reached before all was searched")
         inside = [
@@ -115,6 +119,29 @@ class _Search:
     found: list[Critical] = field(default_factory=list)
     evidence: list[str] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
+    branches: list[Branch] = field(default_factory=list)
+
+    def look_in_groups(self, hopf: list[float]) -> None:
+        """Follow the branches to which motions of one group of bodies lead, up to where these were begun."""
+        if not self.branches or time_is_over():
+            return
+        coarse, parameter = HarmonicBalance(ORDERS[0]).equations(self.equations.system), self.branches[0].parameter
+        for said, cycle in cycles_of_groups(coarse, self.branches, hopf):
+            self.evidence.append(said)
+            if cycle is None:
+                continue
+            value = cycle.parameters[parameter]
+            try:
+                branch = trace(coarse, cycle, parameter, (self.span[0], value), families=False, stability=False)
+                found = [self._solved(special, True) for special in branch.folds()]
+            except FAILURES as error:
+                self.undecided.append(f"the branch of {said} was not followed: {error}")
+                continue
+            self.evidence.append(f"its branch was followed down to {float(branch.values.min()):.6g}: {branch.ends[1]}")
+            self._add(found)
+
+    def _add(self, folds: list[Critical]) -> None:
+        self.found += [c for c in folds if not any(coincide(c, other) for other in self.found)]
 
     def follow(self, hopf: SpecialPoint) -> None:
         """Follow the branch from a Hopf point, with more harmonics where it takes them, and solve for its folds."""
@@ -150,7 +177,8 @@ class _Search:
         self.evidence.append(said)
         if lost or not branch.ends[1].complete:
             self.undecided.append(said)
-        self.found += [c for c in folds if not any(coincide(c, other) for other in self.found)]
+        self.branches.append(branch)
+        self._add(folds)
 
     def _traced(self, hopf: SpecialPoint, H: int) -> Branch:
         equations = HarmonicBalance(H).equations(self.equations.system)
