@@ -198,7 +198,7 @@ def do(
 def in_time(limit: float | None, job: Callable[[], Report]) -> Report:
     """Return the report of a job that is to end after some seconds; it says so where it was ended."""
     from hbbogie.deadline import time_is_over, time_limit
-    from hbbogie.reports.figures import drawn_or_reason
+    from hbbogie.reports.figures import Figures, drawn_or_reason
 
     with time_limit(limit):
         found, over = job(), time_is_over()
@@ -207,6 +207,6 @@ def in_time(limit: float | None, job: Callable[[], Report]) -> Report:
     said = (
         f"Incomplete: the time limit of {limit:g} s was reached. What was found by then is shown; none means none yet."
     )
-    figures = {name: functools.partial(drawn_or_reason, draw) for name, draw in found.figures.items()}
+    figures: Figures = {name: functools.partial(drawn_or_reason, draw) for name, draw in found.figures.items()}
     data = {**found.data, "complete": False}
     return replace(found, notes=(said, *found.notes), data=data, figures=figures)

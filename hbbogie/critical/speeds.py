@@ -8,12 +8,14 @@ from functools import cached_property
 from typing import Any
 
 from hbbogie.branches.choice import chosen_methods
-from hbbogie.branches.closed_form import exact_critical, exact_walk
+from hbbogie.branches.closed_form import exact_branch, exact_critical, exact_walk
 from hbbogie.branches.collocated import collocated_critical, followed_from
+from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import extent, from_hopf
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.collocation.method import Collocation
 from hbbogie.critical.folds import fold
+from hbbogie.critical.groups import cycles_of_groups
 from hbbogie.critical.harmonic_error import with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.deadline import time_is_over, time_limit
@@ -54,6 +56,9 @@ def critical_speeds(
     Each branch is followed from its Hopf point to where it leaves the interval or ends. In closed form, and by
     collocation, its folds are those of the cycles themselves. By harmonic balance it is followed with 9 harmonics, with
     more where these do not resolve its cycles or lose it, and each fold is then solved for with all harmonics.
+
+    Where the coordinates belong to groups of bodies, motions in which one group moves below the first Hopf point lead
+    to further branches.
 
     Parameters
     ----------
@@ -107,6 +112,7 @@ def critical_speeds(
             if lo <= hopf.value <= hi:
                 search.found.append(hopf_gradient(system, hopf))
             search.follow(hopf)
+        search.look_in_groups([hopf.value for hopf in points])
         if time_is_over() and not search.undecided:
             search.undecided.append("the time limit was reached before all was searched")
         inside = [search.certified(c) for c in search.found if lo <= c.value <= hi]
@@ -115,11 +121,12 @@ def critical_speeds(
 
 @dataclass(frozen=True, eq=False)
 class _Followed:
-    """A branch by one method: what is said of it, its folds, and whether these are all it has in the interval."""
+    """By one method: what is said of a branch, its folds, whether these are all it has, and the branch itself."""
 
     said: str
     folds: list[Critical]
     whole: bool
+    branches: list[Branch] = field(default_factory=list)
 
 
 @dataclass(eq=False)
@@ -133,6 +140,29 @@ class _Search:
     found: list[Critical] = field(default_factory=list)
     evidence: list[str] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
+    branches: list[Branch] = field(default_factory=list)
+
+    def look_in_groups(self, hopf: list[float]) -> None:
+        """Follow the branches to which motions of one group of bodies lead, up to where these were begun."""
+        if not self.branches or time_is_over():
+            return
+        coarse, parameter = HarmonicBalance(ORDERS[0]).equations(self.equations.system), self.branches[0].parameter
+        for said, cycle in cycles_of_groups(coarse, self.branches, hopf):
+            self.evidence.append(said)
+            if cycle is None:
+                continue
+            value = cycle.parameters[parameter]
+            try:
+                branch = trace(coarse, cycle, parameter, (self.span[0], value), families=False, stability=False)
+                found = [self._solved(special, True) for special in branch.folds()]
+            except FAILURES as error:
+                self.undecided.append(f"the branch of {said} was not followed: {error}")
+                continue
+            self.evidence.append(f"its branch was followed down to {float(branch.values.min()):.6g}: {branch.ends[1]}")
+            self._add(found)
+
+    def _add(self, folds: list[Critical]) -> None:
+        self.found += [c for c in folds if not any(coincide(c, other) for other in self.found)]
 
     @cached_property
     def equations(self) -> Equations:
@@ -159,7 +189,8 @@ class _Search:
                 break
         assert best is not None
         self.undecided += [] if best.whole else [best.said]
-        self.found += [c for c in best.folds if not any(coincide(c, other) for other in self.found)]
+        self.branches += best.branches
+        self._add(best.folds)
 
     def _in_closed_form(self, hopf: SpecialPoint, name: str) -> _Followed:
         walk = exact_walk(self.system, hopf, self.span)
@@ -167,7 +198,8 @@ class _Search:
         folds = [exact_critical(point) for point in walk.marked("fold")]
         said = _extent(f"{name} was followed in closed form", [p.value for p in walk.points], walk.end)
         said += "; the order of its contacts was lost on the way" if lost else ""
-        return _Followed(said, folds, walk.end.complete and not lost)
+        branches = [exact_branch(walk, hopf)] if self.system.groups else []
+        return _Followed(said, folds, walk.end.complete and not lost, branches)
 
     def _by_collocation(self, hopf: SpecialPoint, name: str) -> _Followed:
         followed = followed_from(Collocation().equations(self.system), hopf, hopf.parameter, self.span)
@@ -204,7 +236,7 @@ class _Search:
         whole = all(map(_complete, branches)) and not lost
         if whole and "collocation" in self.methods and any(doubt_at_fold(self.system, c.orbit) for c in folds):
             said, whole = f"{said}; {self.harmonics} harmonics do not resolve a fold of it", False
-        return _Followed(said, folds, whole)
+        return _Followed(said, folds, whole, branches)
 
     def _traced(self, hopf: SpecialPoint, H: int) -> list[Branch]:
         return from_hopf(HarmonicBalance(H).equations(self.system), hopf, hopf.parameter, self.span)

@@ -15,10 +15,12 @@ from hbbogie.critical.speeds import critical_speeds
 from hbbogie.deadline import time_is_over
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
+from hbbogie.results import Criticals
 from hbbogie.stability.multipliers import floquet
 from hbbogie.units import label
 
@@ -66,6 +68,7 @@ def critical_of(
     notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
     if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
         notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
+    notes += _attractors(system, searched, unit)
     if found[-1].extremum == "maximum":
         notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
     progress("where rest and cycles coexist", None)
@@ -81,6 +84,19 @@ def critical_of(
     data["coexistence"] = [{"interval": c.interval} for c in both]
     tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
     return Report(f"{system.name}: critical values of {name}", tables, {}, figures, tuple(notes), data)
+
+
+def _attractors(system: System, found: Criticals, unit: str) -> list[str]:
+    """Return the lowest fold of the cycles of each group of bodies, and what the search for them rests on."""
+    lowest: dict[str, Critical] = {}
+    for c in found:
+        if c.kind == "fold" and c.extremum == "minimum":
+            lowest.setdefault(moving_groups(system, c.orbit), c)
+    if not system.groups or not lowest:
+        return []
+    each = ", ".join(f"{name} {c.value:.6g}" for name, c in lowest.items())
+    evidence = (f"{sentence[0].upper()}{sentence[1:]}." for sentence in found.evidence)
+    return [f"Lowest fold of the cycles in which these groups move: {each} {unit}".rstrip() + ".", *evidence]
 
 
 def _rounded(c: Critical, size: float) -> Critical:
@@ -109,15 +125,18 @@ def _values(system: System, found: list[Critical], unit: str) -> Table:
             "At a fold a second multiplier meets the trivial one at +1, with the root of the distance from the exact "
             "fold: here what harmonics or a mesh leave out shows."
         )
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for c in found:
         shape = c.curvature if c.kind == "fold" and c.gradient else None
         error = getattr(c, "error", float("nan"))
         beside = shape, _beside_one(system, c)
         left_out = error if np.isfinite(error) else None
         rows.append((_kind(c), c.value, left_out, c.extremum, c.omega, c.orbit.frequency, c.residual, *beside))
-    formats = ("", ".8g", ".1e", "", ".7g", ".7g", ".1e", ".3g", ".1e")
-    return Table("critical", "Critical values", tuple(columns), tuple(rows), formats, tuple(notes))
+    formats = ["", ".8g", ".1e", "", ".7g", ".7g", ".1e", ".3g", ".1e"]
+    if system.groups:
+        columns, formats = [*columns, "moves"], [*formats, ""]
+        rows = [(*row, moving_groups(system, c.orbit)) for row, c in zip(rows, found, strict=True)]
+    return Table("critical", "Critical values", tuple(columns), tuple(rows), tuple(formats), tuple(notes))
 
 
 def _beside_one(system: System, c: Critical) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.units import label
 
 
-def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cycles") -> Table:
+def cycles_table(
+    orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cycles", moves: Sequence[str] = ()
+) -> Table:
     """Return the table of cycles: frequency, period, peak and first harmonic of every coordinate, stability.
 
     Parameters
@@ -20,6 +23,8 @@ def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cy
     orbits : sequence of Orbit
         Of one system, at least one.
     title, name : str
+    moves : sequence of str
+        What moves in each, see `hbbogie.motion.moving_groups`; without a column for it where left out.
     """
     if not orbits:
         raise ModelError("no cycles: a table of cycles needs at least one orbit.")
@@ -32,12 +37,16 @@ def cycles_table(orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cy
         verdict = o.stability.verdict if o.stability else None
         error = o.errors["waveform"] if o.errors else None
         rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, o.largest_multiplier, o.kept, error))
+    if any(moves):
+        columns.insert(1, "moves")
+        rows = [(i, what, *rest) for (i, *rest), what in zip(rows, moves, strict=True)]
     reasons = [
         f"Cycle {i + 1}: {o.stability.reason}"
         for i, o in enumerate(orbits)
         if o.stability and o.stability.verdict == "unknown"
     ]
-    formats = ("d", *[".7g"] * (len(columns) - 1), "", ".6g", "d", ".1e")
+    shown = [""] * any(moves)
+    formats = ("d", *shown, *[".7g"] * (len(columns) - 1 - len(shown)), "", ".6g", "d", ".1e")
     columns += ["stability", "largest multiplier [1]", "highest harmonic", "waveform error [1]"]
     return Table(name, title, tuple(columns), tuple(rows), formats, tuple(reasons))
 
@@ -67,7 +76,9 @@ def special_table(
     return Table("special_points", title, columns, tuple(rows), ("", ".8g", *[".7g"] * 3), tuple(notes))
 
 
-def branches_table(branches: Mapping[str, Branch], unit: str, coordinate: str) -> Table:
+def branches_table(
+    branches: Mapping[str, Branch], unit: str, coordinate: str, moves: Mapping[str, str] | None = None
+) -> Table:
     """Return the table of branches: points, range of the parameter, largest peak, folds, verdicts.
 
     Parameters
@@ -77,6 +88,8 @@ def branches_table(branches: Mapping[str, Branch], unit: str, coordinate: str) -
     unit : str
         Unit of the parameter.
     coordinate : str
+    moves : mapping from name to str, optional
+        What moves along each branch.
     """
     if not branches:
         raise ModelError("no branches: a table of branches needs at least one.")
@@ -85,14 +98,19 @@ def branches_table(branches: Mapping[str, Branch], unit: str, coordinate: str) -
     verdicts = ("stable", "unstable", "unknown")
     ends = f"smallest {label(p, unit)}", f"largest {label(p, unit)}"
     columns = ("branch", "points", *ends, f"largest peak {q}", "folds", *verdicts)
-    rows, notes = [], []
+    rows: list[tuple[Any, ...]] = []
+    notes = []
     for name, b in branches.items():
         counts = [b.verdicts.count(verdict) for verdict in verdicts]
         low, high, peak = (float(x) for x in (b.values.min(), b.values.max(), b.amplitude(coordinate).max()))
         rows.append((name, len(b), low, high, peak, len(b.folds()), *counts))
         notes += [f"{name}: first point: {b.ends[0]}; last point: {b.ends[1]}."]
     formats = ("", "d", ".6g", ".6g", ".6g", *["d"] * 4)
-    return Table("branches", "Branches", columns, tuple(rows), formats, tuple(notes))
+    shown = [moves[name] for name in branches] if moves else []
+    if shown:
+        rows = [(*row, what) for row, what in zip(rows, shown, strict=True)]
+    more = ("moves",) if shown else ()
+    return Table("branches", "Branches", (*columns, *more), tuple(rows), (*formats, *("" for _ in more)), tuple(notes))
 
 
 def family_value(family: Branch) -> float:

@@ -13,6 +13,7 @@ from hbbogie.branches.diagram import Diagram, bifurcation_diagram
 from hbbogie.errors import ModelError
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.cycle_tables import (
     backbone_table,
@@ -21,7 +22,7 @@ from hbbogie.reports.cycle_tables import (
     family_value,
     special_table,
 )
-from hbbogie.reports.figures import cycle_figures, diagram_figures, linear
+from hbbogie.reports.figures import cycle_figures, diagram_figures, linear, moves_along
 from hbbogie.reports.report import Report
 from hbbogie.reports.summary import diagram_sentences, fold_of_diagram, influence_sentences
 from hbbogie.reports.table import Table
@@ -129,7 +130,11 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
         Whether to put the multipliers by Hill's method beside the integrated ones.
     """
     at = quantity(system, parameter, system.values[parameter])
-    summaries = [{**o.summary(), "largest_multiplier": o.largest_multiplier} for o in cycles]
+    moves = [moving_groups(system, o) for o in cycles]
+    summaries = [
+        {**o.summary(), "largest_multiplier": o.largest_multiplier, "moves": what}
+        for o, what in zip(cycles, moves, strict=True)
+    ]
     evidence = cycles.evidence if isinstance(cycles, Cycles) else ()
     complete = cycles.complete if isinstance(cycles, Cycles) else True
     data = {"parameters": dict(system.values), "cycles": summaries, "evidence": list(evidence), "complete": complete}
@@ -142,7 +147,7 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
             "several sizes do not settle on one."
         )
         return Report(system.name, notes=(text, *notes), data=data)
-    table = cycles_table(cycles, f"{system.name}: cycles at {at}")
+    table = cycles_table(cycles, f"{system.name}: cycles at {at}", moves=moves)
     saved = {f"cycle_{i + 1}": Branch((o,), parameter) for i, o in enumerate(cycles)}
     tables = (table, *([_by_hill(system, cycles)] if hill else []))
     return Report(system.name, tables, saved, cycle_figures(cycles, system), notes, data)
@@ -194,7 +199,7 @@ def report_of_diagram(system: System, found: Diagram, rest: Equilibria | None = 
     if not found.hopf:
         notes.append(f"The equilibrium has no Hopf point {where}.")
     if found.branches:
-        tables.append(branches_table(found.branches, unit, q))
+        tables.append(branches_table(found.branches, unit, q, moves_along(system, found)))
     elif not found.families:
         notes.append(f"No branch of cycles was found {where}.")
     for name, family in found.families.items():

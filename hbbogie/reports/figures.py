@@ -12,6 +12,7 @@ import numpy as np
 from hbbogie.branches.diagram import Diagram
 from hbbogie.errors import ModelError, named
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.results import Branch, Orbit
 from hbbogie.units import label
 
@@ -27,6 +28,14 @@ def linear(family: Branch) -> bool:
     return bool(np.ptp(family.omega) <= 1e-9 * family.omega.max())
 
 
+def moves_along(system: System, found: Diagram) -> dict[str, str]:
+    """Return what moves along each branch, in the order in which it begins to; empty where there are no groups."""
+    if not system.groups:
+        return {}
+    told = {name: dict.fromkeys(moving_groups(system, o) for o in b.orbits) for name, b in found.branches.items()}
+    return {name: ", ".join(t for t in texts if t) for name, texts in told.items()}
+
+
 def diagram_figures(system: System, found: Diagram) -> Figures:
     """Return the figures of curves of cycles over a parameter, and of families."""
     parameter = system.parameter(found.parameter)
@@ -35,6 +44,8 @@ def diagram_figures(system: System, found: Diagram) -> Figures:
     figures: Figures = {}
     if many:
         about: dict[str, Any] = {"parameter_label": across, "special": found.hopf}
+        if moves := moves_along(system, found):
+            about["labels"] = [f"{name}: {moves[name]}" for name in found.branches]
         figures["amplitude"] = partial(draw, "branch", many, y=q, **about)
         figures["frequency"] = partial(draw, "frequency", many, **about)
     for name, b in found.branches.items():

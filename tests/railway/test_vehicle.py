@@ -162,6 +162,7 @@ def test_rear_bogie_hunts():
     pairs = zip(*(map(front.index, balance.system.groups[name]) for name in ("front bogie", "rear bogie")), strict=True)
     for i, j in pairs:
         c[:, [i, j]] = c[:, [j, i]]
+    c[:, front.index("pc")] *= -1
     rear = hb.solve(balance, front.replace(coefficients=c), method="newton", V=62.0)
     assert_known("she", rear, KNOWN["cycles"]["she rear"][0])
 
@@ -178,4 +179,4 @@ def test_fold_and_torus_of_the_front_bogie():
         cycle = hb.verify(VEHICLE.vehicle(V=V), at("she", 0, V)).orbit
         assert cycle.stability.verdict == verdict
         assert np.abs(cycle.stability.multipliers - complex(*torus["multiplier"])).min() < 1e-3
-        assert cycle.omega == pytest.approx(torus["omega"], abs=3e-3)
+        assert cycle.omega == pytest.approx(torus["omega"], abs=5e-3)

@@ -1,0 +1,85 @@
+"""Branches of cycles in which one group of bodies moves and the others nearly rest: no Hopf point need lead to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from hbbogie.branches.crossing import crossings
+from hbbogie.branches.motions import recurrences, sample_distance
+from hbbogie.branches.same import of_prime_period, once_each, signature
+from hbbogie.deadline import time_is_over
+from hbbogie.methods.equations import Equations
+from hbbogie.motion.energy import alone, moving_groups
+from hbbogie.results import Branch, Orbit
+from hbbogie.results.failure import FAILURES
+from hbbogie.solving.solvers import solve
+
+SMALLEST = 1e-3  # size of a state that rests, relative to the largest of its kind
+
+
+def cycles_of_groups(
+    equations: Equations, branches: Sequence[Branch], hopf: Sequence[float]
+) -> Iterator[tuple[str, Orbit | None]]:
+    """Yield what motions of one group of bodies at a time come to, where rest is stable and cycles are known.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of harmonic balance.
+    branches : sequence of Branch
+        Over one parameter, from Hopf points.
+    hopf : sequence of float, unit of the parameter
+        The values of the Hopf points.
+
+    Yields
+    ------
+    (str, Orbit or None)
+        What was done, and the cycle that lies on none of the branches, if there is one.
+    """
+    folds = [s.value for b in branches for s in b.folds() if s.extremum == "minimum" and s.value < min(hopf)]
+    if len(equations.system.groups) < 2 or not folds:
+        return
+    name, value = branches[0].parameter, (min(folds) + min(hopf)) / 2
+    system = equations.system.with_parameters(**{name: value})
+    known = [o for b in branches for o in crossings(equations, b, value)]
+    marks, size = [signature(o) for o in known], np.zeros(system.n_states)
+    starts = alone(system, known)
+    for _, x in starts:
+        size = np.maximum(size, np.abs(x))
+    size = np.maximum(size, SMALLEST * size.max())
+    h = sample_distance(np.linalg.eigvals(system.state_matrix(0 * size, system.vector())).astype(complex))
+    for where, x in starts:
+        said = f"the motion at {name} = {value:.6g} from {where}"
+        if time_is_over():
+            yield f"{said} was not begun before the time limit", None
+            continue
+        kind, orbit = "undecided", None
+        for met in recurrences(system, x, h, size, marks):
+            kind, orbit = met.kind, met.orbit
+        if orbit is None or kind in ("rest", "known"):
+            ends = {"rest": "came to rest", "known": "came to a cycle of a branch followed already"}
+            yield f"{said} {ends.get(kind, 'did not come to a cycle')}", None
+            continue
+        try:
+            at: dict[str, Any] = {name: value}
+            cycle = solve(equations, _once_through(orbit), method="newton", **at)
+        except FAILURES:
+            yield f"{said} came near a cycle that harmonic balance does not confirm", None
+            continue
+        if len(once_each([*known, cycle])) == len(known):
+            yield f"{said} came to a cycle of a branch followed already", None
+            continue
+        known.append(cycle)
+        marks.append(signature(cycle))
+        yield f"{said} came to another cycle ({moving_groups(system, cycle)})", cycle
+
+
+def _once_through(orbit: Orbit) -> Orbit:
+    """Return a recurrence of several periods as one period: its largest harmonic is the first."""
+    waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
+    times = 1 + int(np.argmax(waves.max(axis=1)))
+    kept = np.arange(1, orbit.H + 1) % times == 0
+    return of_prime_period(orbit.replace(coefficients=orbit.coefficients * np.r_[True, np.repeat(kept, 2)][:, None]))

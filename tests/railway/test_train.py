@@ -1,0 +1,46 @@
+"""Trains against numbers computed independently; vehicle.json says how."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hbbogie as hb
+
+KNOWN = json.loads((Path(__file__).parent / "vehicle.json").read_text(encoding="utf-8"))
+TRAIN = hb.load_problem("train")
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_hopf_points_of_trains(n):
+    found = hb.hopf_points(TRAIN.train(n), "V", (60.0, 110.0))
+    for hopf, (V, omega) in zip(found, KNOWN["train_hopf"][str(n)], strict=True):
+        assert hopf.value == pytest.approx(V, rel=1e-9)
+        assert hopf.omega == pytest.approx(omega, rel=1e-9)
+
+
+def test_uncoupled_train_is_its_vehicles():
+    """Without couplers the state matrix of a train has the eigenvalues of a vehicle, each n times."""
+    free = TRAIN.train(3, kcy=0.0, ccy=0.0, kcp=0.0, ccp=0.0)
+    one = hb.load_problem("vehicle").vehicle()
+    many, own = (np.linalg.eigvals(s.ode_jacobian(np.zeros(s.n_states), s.vector()).full()) for s in (free, one))
+    for value in own:
+        assert np.sort(np.abs(many - value))[2] < 1e-6 * max(1.0, abs(value))
+
+
+def test_couplers_are_symmetric():
+    system = TRAIN.train(3, f11=0.0, f22=0.0)
+    for function in system.dynamics.linear:
+        matrix = function(system.vector()).full()
+        np.testing.assert_allclose(matrix, matrix.T, atol=1e-9 * np.abs(matrix).max())
+
+
+def test_groups_of_a_train_are_its_bogies():
+    assert list(TRAIN.train(2).groups) == [f"{end} bogie of vehicle {m}" for m in (1, 2) for end in ("front", "rear")]
+
+
+@pytest.mark.parametrize("n", [0, 1.5, -2])
+def test_number_of_vehicles(n):
+    with pytest.raises(hb.ModelError, match="whole number from 1"):
+        TRAIN.train(n)
