@@ -23,6 +23,7 @@ SAMPLES = 256  # kept of each output, equidistant
 PANELS = 64  # of the integration, at least
 NODES = np.array([-1.0, -np.sqrt(3 / 7), 0.0, np.sqrt(3 / 7), 1.0])  # of Lobatto: at both ends no jump is passed over
 WEIGHTS = np.array([1 / 10, 49 / 90, 32 / 45, 49 / 90, 1 / 10])
+MOST = 1024  # panels that are halved at once: an output that is rough all over is left at that
 LEVELS = 30  # times that a panel with a kink is halved at most
 ACCURACY = 1e-9  # of the integral over a panel, relative to the largest value times its length
 ROUNDS, CLOSER = 7, 9  # of the search for an extreme; instants of each round
@@ -103,13 +104,14 @@ def _quadrature(of: Values, panels: int) -> tuple[Array, Array, Array]:
     for level in range(LEVELS):
         halves = np.stack([left, left + length / 2], axis=1).ravel(), np.repeat(length / 2, 2)
         finer, own = values(*halves)
+        scale = np.maximum(scale, np.abs(own).max(axis=(0, 1)))
         off = np.zeros(len(left), dtype=bool)
         for power in (1, 2):
             whole = np.einsum("i,nij->nj", WEIGHTS / 2, y**power)
             both = np.einsum("i,nij->nj", WEIGHTS / 4, own**power).reshape(len(left), 2, -1).sum(axis=1)
             share = (length / (2 * np.pi))[:, None]  # what a panel adds to the mean
             off |= (share * np.abs(whole - both) > ACCURACY / panels * scale**power).any(axis=1)
-        split = np.repeat(off, 2) & (level + 1 < LEVELS)
+        split = np.repeat(off, 2) & (level + 1 < LEVELS and len(left) < MOST)
         kept.append((finer[~split], halves[1][~split], own[~split]))
         left, length, y = halves[0][split], halves[1][split], own[split]
         if not len(left):

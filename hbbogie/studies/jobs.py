@@ -23,6 +23,7 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.problem import load_problem
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
+from hbbogie.results import Orbit
 from hbbogie.studies.critical_job import Harmonics, Interval, Outputs, smallest_critical
 
 __all__ = ["JOBS", "Outputs", "branch", "compare", "cycles", "job_function", "output_units", "smallest_critical"]
@@ -46,14 +47,15 @@ def cycles(
     Returns
     -------
     dict
-        ``cycles``, their number; of cycle k = 1, 2, ... ``omega_k`` [rad/s], ``peak_<coordinate>_k`` and
-        ``stability_k``; ``evidence``, what was searched (see `find_cycles`).
+        ``cycles``, their number; of cycle k = 1, 2, ... ``omega_k`` [rad/s], ``peak_<coordinate>_k``,
+        ``peak_<output>_k``, ``rms_<output>_k`` and ``stability_k``; ``evidence``, what was searched (see
+        `find_cycles`).
     """
     found = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics)
     outputs: Outputs = {"cycles": len(found)}
     for k, orbit in enumerate(found, 1):
         outputs[f"omega_{k}"] = orbit.omega
-        outputs |= {f"peak_{c}_{k}": orbit.amplitude(c) for c in orbit.coordinates}
+        outputs |= _numbers(orbit, str(k))
         outputs[f"stability_{k}"] = orbit.stability.verdict if orbit.stability else "unknown"
     outputs["evidence"] = "; ".join(found.evidence)
     return outputs | {"status": f"{len(found)} cycle{'s' * (len(found) != 1)} found"}
@@ -82,7 +84,8 @@ def branch(
     -------
     dict
         ``hopf``, ``folds``, ``fold_1``, ...; ``lowest`` and ``highest`` value on the branch, ``points``; and
-        ``omega_at_<value>`` and ``peak_<coordinate>_at_<value>`` where there is a cycle.
+        ``omega_at_<value>``, ``peak_<coordinate>_at_<value>``, ``peak_<output>_at_<value>`` and
+        ``rms_<output>_at_<value>`` where there is a cycle.
     """
     span = interval or default_reach(system, parameter)
     points = hopf_points(system, parameter, span)
@@ -98,8 +101,16 @@ def branch(
         if orbits:
             largest = max(orbits, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))
             outputs[f"omega_at_{value:g}"] = largest.omega
-            outputs |= {f"peak_{c}_at_{value:g}": largest.amplitude(c) for c in largest.coordinates}
+            outputs |= _numbers(largest, f"at_{value:g}")
     return outputs | {"status": f"branch from the Hopf point at {points[0].value:.6g}: {traced.ends[1]}"}
+
+
+def _numbers(orbit: Orbit, which: str) -> Outputs:
+    """Return the peaks of coordinates and outputs of a cycle, and the rms of outputs, as outputs of a job."""
+    peaks: Outputs = {f"peak_{name}_{which}": orbit.amplitude(name) for name in orbit.coordinates}
+    for name in orbit.outputs:
+        peaks |= {f"peak_{name}_{which}": orbit.amplitude(name), f"rms_{name}_{which}": orbit.rms(name)}
+    return peaks
 
 
 def compare(
@@ -218,7 +229,7 @@ def _unit(name: str, system: System, unit: str) -> str:
     if "omega" in name:
         return "rad/s"
     parts = name.split("_")
-    for coordinate in system.coordinates:
-        if coordinate.name in parts and parts[0] in ("peak", "fold"):
-            return coordinate.unit
+    for named in (*system.coordinate_names, *system.output_names):
+        if named in parts and parts[0] in ("peak", "rms", "fold"):
+            return system.naming.units.get(named, "")
     return unit

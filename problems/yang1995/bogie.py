@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 from hbbogie import Coordinate, Element, Output, Parameter, System
 from hbbogie.model import DeadBand
+from hbbogie.railway import frame_acceleration, guiding_forces
 
 
 def bogie(gravity: bool = False, **parameters: float) -> System:
@@ -117,11 +118,11 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
     outputs = [
         Output("front flange force", front, "N", "without the creep forces"),
         Output("rear flange force", rear, "N", "without the creep forces"),
-        Output("front guiding forces", T(q1, q2) + front, "N", "sum over both wheels"),
-        Output("rear guiding forces", T(q3, q4) + rear, "N", "sum over both wheels"),
+        guiding_forces("front guiding forces", T(q1, q2), front),
+        guiding_forces("rear guiding forces", T(q3, q4), rear),
         Output("frame lateral acceleration", q5.ddot, "m/s2", "at the centre of the frame"),
-        Output("frame acceleration, front", q5.ddot + b * q6.ddot, "m/s2", "lateral, over the wheelset"),
-        Output("frame acceleration, rear", q5.ddot - b * q6.ddot, "m/s2", "lateral, over the wheelset"),
+        frame_acceleration("frame acceleration, front", q5, q6, b),
+        frame_acceleration("frame acceleration, rear", q5, q6, -b),
         Output("damper power", 2 * D2 * (q5.dot - h2 * q7.dot) ** 2 + 2 * D1 * d2**2 * q7.dot**2, "W", "dissipated"),
         Output("creep power", sliding(q1, q2) + sliding(q3, q4), "W", "dissipated by sliding in all four contacts"),
         Output("power of the forward motion", V * (pull(q1, q2) + pull(q3, q4)), "W", "that keeps the hunting going"),
