@@ -154,6 +154,13 @@ def test_the_forward_motion_of_the_bogie_does_the_work_that_dampers_and_creep_di
         assert work > 0
 
 
+def test_a_cycle_in_closed_form_balances_to_the_accuracy_of_the_integrals(bogie):
+    """SOLVER: ten times the 1e-9 of the means."""
+    cycle = hb.find_cycles(bogie, V=100.0, stability=False)[-1]
+    work = cycle.mean("power of the forward motion")
+    assert cycle.mean("damper power") + cycle.mean("creep power") == pytest.approx(work, rel=1e-8)
+
+
 # --- results and files --------------------------------------------------------------------------
 
 
