@@ -76,6 +76,7 @@ def branch(
     interval: Interval = None,
     method: Method = None,
     harmonics: Harmonics = None,
+    max_points: Annotated[int, typer.Option(min=2, metavar="N", help="Points at which a branch ends.")] = 600,
     stability: Annotated[
         bool,
         typer.Option("--stability/--no-stability", help="Judge every cycle, locate bifurcations and follow them."),
@@ -106,6 +107,7 @@ def branch(
             method=method or "mhb",
             harmonics=harmonics or "auto",
             stability=stability,
+            max_points=max_points,
             progress=progress,
         )
         found = in_time(limit, lambda: report_of_diagram(system, diagram()))

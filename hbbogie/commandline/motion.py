@@ -25,13 +25,13 @@ from hbbogie.commandline.application import (
 @command(
     "hbbogie basin yang1995",
     "hbbogie basin yang1995 --along q1=1,q3=1 --range 88 92",
-    "hbbogie basin bautin --values 10 --amplitudes 20 --workers 1",
+    "hbbogie basin bautin --points 10 --amplitudes 20 --workers 1",
 )
 def basin(
     name: Problem,
     parameter: ParameterName = None,
     interval: Interval = None,
-    values: Annotated[int, typer.Option(help="Number of parameter values.")] = 25,
+    points: Annotated[int, typer.Option(help="Number of parameter values.")] = 25,
     amplitudes: Annotated[int, typer.Option(help="Number of initial amplitudes at each.")] = 40,
     along: Annotated[
         str | None,
@@ -64,7 +64,7 @@ def basin(
             progress,
             parameter=parameter,
             interval=interval,
-            speeds=values,
+            speeds=points,
             amplitudes=amplitudes,
             along=direction,
             largest=largest,
