@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from hbbogie.errors import ModelError
 
@@ -24,19 +24,44 @@ if TYPE_CHECKING:
 
 FIGURES = (".png", ".pdf", ".svg")
 
+# of commands in the help, as one comes to use them
+ORDER = (
+    *("problems", "new", "run", "cycles", "branch", "simulate", "plot", "animate", "explore", "compare", "critical"),
+    *("chart", "design", "identify", "basin", "ramp", "conicity", "study", "export"),
+)
+
+
+class InOrder(TyperGroup):
+    """The commands in the order of their use."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the commands."""
+        return sorted(super().list_commands(ctx), key=lambda name: (*ORDER, name).index(name))
+
+
 app = typer.Typer(
     name="hbbogie",
+    cls=InOrder,
     help="Limit cycles of self-excited mechanical systems: find them, follow them, judge their stability.",
     epilog="Begin with: hbbogie problems\n\nthen: hbbogie run yang1995 --output out",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+def _shipped(incomplete: str) -> list[str]:
+    from hbbogie.model.problem import shipped_problems
+
+    return [name for name in shipped_problems() if name.startswith(incomplete)]
+
+
 Problem = Annotated[
-    str, typer.Argument(metavar="NAME", help="Name of a shipped problem, or path of a file (.py) or folder.")
+    str,
+    typer.Argument(
+        metavar="NAME", help="Name of a shipped problem, or path of a file (.py) or folder.", autocompletion=_shipped
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,

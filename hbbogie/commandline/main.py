@@ -198,11 +198,14 @@ def simulate(
 @command(
     "hbbogie plot out/branch.nc",
     'hbbogie plot out/branch.nc --coordinate q3 --quantity "first harmonic" --output q3.pdf',
+    'hbbogie plot out/branch.nc --coordinate "frame lateral acceleration" --quantity rms',
 )
 def plot(
     file: Annotated[Path, typer.Argument(metavar="FILE.nc", help="A branch or cycle saved by this program.")],
-    coordinate: Annotated[str | None, typer.Option(metavar="NAME", help="By default the first one.")] = None,
-    quantity: Annotated[str, typer.Option(help='"peak" or "first harmonic".')] = "peak",
+    coordinate: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of a coordinate or an output; by default the first coordinate.")
+    ] = None,
+    quantity: Annotated[str, typer.Option(help="peak, first harmonic, half peak to peak, mean or rms.")] = "peak",
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Figure (.png, .pdf, .svg); FILE.png if left out."),

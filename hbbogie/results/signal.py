@@ -145,7 +145,7 @@ class Signal:
             To either side.
         """
         f = self.omega / (2 * np.pi) if frequency is None else frequency
-        return self.rms_within(max(f - width, 0.0), f + width)
+        return self.rms_within(max(f - width, 1e-6 * f), f + width)  # without the mean, unless about 0
 
     def __repr__(self) -> str:
         factor, unit = readable(self.unit, max(self.peak, self.rms))

@@ -204,7 +204,7 @@ def test_a_branch_draws_outputs_from_its_file(tmp_path):
     branch.save(tmp_path / "branch.nc")
     loaded = hb.Branch.load(tmp_path / "branch.nc")
     np.testing.assert_array_equal(loaded.amplitude("energy"), branch.amplitude("energy"))
-    for quantity in plot.QUANTITIES:
+    for quantity in ("peak", "first harmonic", "half peak to peak", "mean", "rms"):
         ax = plot.branch(loaded, y="energy", quantity=quantity, limits=[LimitLine(2.5, "limit", "1")])
         assert "energy" in ax.get_ylabel() and "limit" in ax.get_legend_handles_labels()[1]
         plot.figure_of(ax).clear()
