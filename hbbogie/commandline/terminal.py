@@ -35,6 +35,9 @@ KEYWORDS = {  # of functions, as messages name them, and the options that give t
     "retry_failed=True": "--retry-failed",
     "accept_changes=True": "--accept-changes",
     "harmonics=...": "--harmonics",
+    "look where cycles exist with find_cycles or trace": "look where cycles exist with hbbogie cycles or branch",
+    "approach it in smaller steps with trace, start from find_cycles, or take fewer harmonics first": "try values near "
+    "by, or fewer harmonics with --harmonics",
     "workers=0": "--workers 0",
     "take order=1 or HarmonicBalance(harmonics)": "take df1 or mhb15",
 }

@@ -48,8 +48,8 @@ def cycles(
     -------
     dict
         ``cycles``, their number; of cycle k = 1, 2, ... ``omega_k`` [rad/s], ``peak_<coordinate>_k``,
-        ``peak_<output>_k``, ``rms_<output>_k`` and ``stability_k``; ``evidence``, what was searched (see
-        `find_cycles`).
+        ``peak_<output>_k``, ``rms_<output>_k`` (with " over " for a slash in its name) and ``stability_k``;
+        ``evidence``, what was searched (see `find_cycles`).
     """
     found = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics)
     outputs: Outputs = {"cycles": len(found)}
@@ -109,8 +109,14 @@ def _numbers(orbit: Orbit, which: str) -> Outputs:
     """Return the peaks of coordinates and outputs of a cycle, and the rms of outputs, as outputs of a job."""
     peaks: Outputs = {f"peak_{name}_{which}": orbit.amplitude(name) for name in orbit.coordinates}
     for name in orbit.outputs:
-        peaks |= {f"peak_{name}_{which}": orbit.amplitude(name), f"rms_{name}_{which}": orbit.rms(name)}
+        own = _stored(name)
+        peaks |= {f"peak_{own}_{which}": orbit.amplitude(name), f"rms_{own}_{which}": orbit.rms(name)}
     return peaks
+
+
+def _stored(output: str) -> str:
+    """Return the name of a system's output as NetCDF can hold it: "Y over Q" for "Y/Q"."""
+    return output.replace("/", " over ")
 
 
 def compare(
@@ -219,6 +225,9 @@ def output_units(
 
 def _unit(name: str, system: System, unit: str) -> str:
     """Return the unit of an output of the jobs of this module, by its name."""
+    for own in system.output_names:
+        if name.startswith((f"peak_{_stored(own)}_", f"rms_{_stored(own)}_")):
+            return system.naming.units.get(own, "")
     head, _, tail = name.partition("_d")
     if head in ("dfold", "dhopf") and tail in system.parameter_names:
         return f"({unit or '1'})/({system.parameter(tail).unit or '1'})"
@@ -229,7 +238,7 @@ def _unit(name: str, system: System, unit: str) -> str:
     if "omega" in name:
         return "rad/s"
     parts = name.split("_")
-    for named in (*system.coordinate_names, *system.output_names):
-        if named in parts and parts[0] in ("peak", "rms", "fold"):
-            return system.naming.units.get(named, "")
+    for coordinate in system.coordinates:
+        if coordinate.name in parts and parts[0] in ("peak", "fold"):
+            return coordinate.unit
     return unit

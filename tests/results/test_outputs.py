@@ -14,6 +14,7 @@ from hbbogie import plot
 from hbbogie.model import DeadBand
 from hbbogie.results import LimitLine, Signal
 from hbbogie.solving import minimise
+from hbbogie.studies import JOBS, output_units
 
 A, K = 0.7, 9.0  # amplitude and stiffness: x = A cos(3 t)
 
@@ -314,3 +315,17 @@ def test_limits_on_names_that_are_not_there(van_der_pol):
     for quantity in ("values", "root_mean_square", "mean", "first_harmonic"):
         with pytest.raises(hb.ModelError, match="coordinate or output 'energie'"):
             hb.solve(equations, cycle, free=["mu"], minimise=lambda c, q=quantity: getattr(c, q)("energie"))
+
+
+def test_studies_return_outputs_with_their_units():
+    """The peak of a mass on a spring is what its amplitude says; a slash is spelled out, for files cannot hold it."""
+    x, mu = hb.Coordinate("x", "m"), hb.Parameter("mu", 0.1)
+    outputs = [hb.Output("omega ratio", 0.5, "1"), hb.Output("Y/Q", 3 * x, "N")]
+    system = hb.System("van", [x], [mu], [x.ddot - mu * (1 - x**2) * x.dot + x], outputs=outputs)
+    found = JOBS["branch"](system, "mu", (-0.05, 0.15), 3, at=[0.1]) | JOBS["cycles"](system, "mu", (-0.05, 0.15), 3)
+    for name in ("peak_{}_1", "rms_{}_1"):
+        assert {name.format("omega ratio"), name.format("Y over Q")} <= set(found)
+    assert found["peak_Y over Q_1"] == pytest.approx(3 * found["peak_x_1"], rel=1e-6)
+    assert found["rms_omega ratio_1"] == pytest.approx(0.5, rel=1e-9)
+    units = output_units(JOBS["cycles"], system, "mu", list(found))
+    assert (units["rms_omega ratio_1"], units["peak_Y over Q_1"], units["omega_1"]) == ("1", "N", "rad/s")
