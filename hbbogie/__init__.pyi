@@ -33,6 +33,7 @@ from .errors import ModelError as ModelError
 from .methods.describing_balance import DescribingFunction as DescribingFunction
 from .methods.harmonic import HarmonicBalance as HarmonicBalance
 from .model.elements import Element as Element
+from .model.outputs import Output as Output
 from .model.problem import load_problem as load_problem
 from .model.symbols import Coordinate as Coordinate
 from .model.symbols import Parameter as Parameter

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 Progress = Callable[[str, float | None], None]
+_log = logging.getLogger("hbbogie")
 
 
 def silent(message: str, fraction: float | None) -> None:
-    """Accept a progress message and show nothing."""
+    """Show nothing of a progress message; it goes to the logger "hbbogie", at level DEBUG."""
+    if fraction is None:
+        _log.debug("%s", message)
+    else:
+        _log.debug("%s (%.0f %%)", message, 100 * fraction)

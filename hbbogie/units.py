@@ -21,6 +21,8 @@ OTHERS = {  # further units, with what they are in the unit of a parameter
     ("deg", "rad"): math.pi / 180,
     ("rpm", "rad/s"): math.pi / 30,
     ("Hz", "rad/s"): 2 * math.pi,
+    ("N/mm", "N/m"): 1e3,
+    ("kN/mm", "N/m"): 1e6,
     ("%", "1"): 0.01,
     ("%", ""): 0.01,
     ("t", "kg"): 1e3,

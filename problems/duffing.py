@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ellipk
 
-from hbbogie import Coordinate, Element, Parameter, System
+from hbbogie import Coordinate, Element, Output, Parameter, System
 from hbbogie.model import Cubic
 
 
@@ -43,6 +43,10 @@ def duffing(**parameters: float) -> System:
         [x.ddot + d * x.dot + spring],
         [spring],
         description="free oscillator with a cubic spring",
+        outputs=[
+            Output("spring force", spring, "m/s2", "over the mass"),
+            Output("energy", x.dot**2 / 2 + alpha * x**2 / 2 + beta * x**4 / 4, "m2/s2", "over the mass"),
+        ],
     )
     return system.with_parameters(**parameters)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hbbogie import Coordinate, Element, Parameter, System
+from hbbogie import Coordinate, Element, Output, Parameter, System
 from hbbogie.model import DeadBand
 
 
@@ -44,6 +44,10 @@ def gap_oscillator(**parameters: float) -> System:
         [m * x.ddot + d * x.dot + springs],
         [springs],
         description="free mass between springs behind gaps",
+        outputs=[
+            Output("spring force", springs, "N", "of the spring that is touched"),
+            Output("acceleration", x.ddot, "m/s2", "of the mass"),
+        ],
     )
     return system.with_parameters(**parameters)
 

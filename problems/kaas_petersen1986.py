@@ -20,7 +20,7 @@ from typing import Any
 
 from hbbogie import Coordinate, Element, Parameter, System
 from hbbogie.model import DeadBand
-from hbbogie.railway import VermeulenJohnson
+from hbbogie.railway import VermeulenJohnson, frame_acceleration, guiding_forces
 
 
 def bogie(flange: bool = True, **parameters: float) -> System:
@@ -106,6 +106,12 @@ def bogie(flange: bool = True, **parameters: float) -> System:
         equations,
         flanges,
         description="railway bogie with nonlinear creep, Kaas-Petersen (1986)",
+        outputs=[
+            guiding_forces("front guiding forces", 2 * Fy1, *flanges[:1]),
+            guiding_forces("rear guiding forces", 2 * Fy2, *flanges[1:]),
+            frame_acceleration("frame lateral acceleration", q5, q6),
+            frame_acceleration("frame acceleration, front", q5, q6, b),
+        ],
     )
     return system.with_parameters(**parameters)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hbbogie import Coordinate, Parameter, System
+from hbbogie import Coordinate, Output, Parameter, System
 
 
 def van_der_pol(**parameters: float) -> System:
@@ -33,7 +33,12 @@ def van_der_pol(**parameters: float) -> System:
     x = Coordinate("x", "1", "displacement")
     mu = _mu()
     equations = [x.ddot - mu * (1 - x**2) * x.dot + x]
-    system = System("van der Pol", [x], [mu], equations, description="self-excited oscillation")
+    outputs = [
+        Output("energy", (x.dot**2 + x**2) / 2, "1", "of motion and spring"),
+        Output("power of the self-excitation", mu * x.dot**2, "1/s", "fed in by the negative damping"),
+        Output("dissipated power", mu * x**2 * x.dot**2, "1/s", "taken out by the nonlinear damping"),
+    ]
+    system = System("van der Pol", [x], [mu], equations, description="self-excited oscillation", outputs=outputs)
     return system.with_parameters(**parameters)
 
 

@@ -41,13 +41,13 @@ motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
-from hbbogie import Coordinate, Element, ModelError, Parameter, System
+from hbbogie import Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Saturation
-from hbbogie.railway import LinearKalker, ShenHedrickElkins
+from hbbogie.railway import LinearKalker, ShenHedrickElkins, derailment_quotient, frame_acceleration, guiding_forces
 
 CREEP = ("she", "linear")
 YAW_DAMPERS = ("direct", "series", "none")
@@ -86,6 +86,7 @@ def vehicle(bogies: int = 2, creep: str = "she", yaw_dampers: str = "direct", **
         built.equations,
         built.elements,
         description=f"railway vehicle, creep {creep}, yaw dampers {yaw_dampers}",
+        outputs=built.outputs,
     )
     return system.with_parameters(**parameters)
 
@@ -102,12 +103,14 @@ class Assembly:
     elements : list of Element
     load : tuple of expressions
         Lateral force S, yaw moment Z and roll moment X with which a bogie pulls at the car body.
+    outputs : list of Output
     """
 
     coordinates: list[Coordinate]
     equations: list[Any]
     elements: list[Element]
     load: tuple[Any, Any, Any] = NO_MOTION
+    outputs: list[Output] = field(default_factory=list)
 
 
 def car(p: SimpleNamespace, mark: str = "") -> Assembly:
@@ -129,6 +132,7 @@ def car(p: SimpleNamespace, mark: str = "") -> Assembly:
         [yc, pc, rc, *front.coordinates, *rear.coordinates],
         [*equations, *front.equations, *rear.equations],
         [*front.elements, *rear.elements],
+        outputs=[*front.outputs, *rear.outputs],
     )
 
 
@@ -155,6 +159,11 @@ def bogie(p: SimpleNamespace, over: tuple[Any, ...], rates: tuple[Any, ...], i: 
     P = 4 * p.kpz * p.bp**2 * rb + 4 * p.cpz * p.bp**2 * rb.dot
 
     wheelsets, equations, flanges, A, B = [], [], [], [], []
+    frame_at = f"{where} frame acceleration"
+    outputs = [
+        frame_acceleration(f"{frame_at}{mark}", yb, pb),
+        frame_acceleration(f"{frame_at}, outer{mark}", yb, pb, p.lb if i == 1 else -p.lb),
+    ]
     for k, z in ((2 * i - 1, 1), (2 * i, -1)):
         y, psi = body(f"{k}", mark, f"wheelset {k}", group)[:2]
         E, E_dot = y - yb - z * p.lb * pb + p.hp * rb, y.dot - yb.dot - z * p.lb * pb.dot + p.hp * rb.dot
@@ -165,6 +174,10 @@ def bogie(p: SimpleNamespace, over: tuple[Any, ...], rates: tuple[Any, ...], i: 
         equations += [p.mw * y.ddot + Ak - 2 * Fy + FT, p.Iwz * psi.ddot + Bk - 2 * p.a * Fx]
         wheelsets += [y, psi]
         flanges, A, B = [*flanges, FT], [*A, Ak], [*B, Bk]
+        outputs += [
+            guiding_forces(f"guiding forces {k}{mark}", -2 * Fy, FT),
+            derailment_quotient(f"Y/Q {k}{mark}", FT - Fy, p.Q),
+        ]
     frame_equations = [
         p.mb * yb.ddot - S - A[0] - A[1],
         p.Ibz * pb.ddot - Z - p.lb * (A[0] - A[1]) - B[0] - B[1],
@@ -172,7 +185,7 @@ def bogie(p: SimpleNamespace, over: tuple[Any, ...], rates: tuple[Any, ...], i: 
     ]
     coordinates = [*frame, *wheelsets, *(x for x, _ in series)]
     return Assembly(
-        coordinates, [*frame_equations, *equations, *(r for _, r in series)], [*dampers, *flanges], (S, Z, X)
+        coordinates, [*frame_equations, *equations, *(r for _, r in series)], [*dampers, *flanges], (S, Z, X), outputs
     )
 
 
@@ -254,6 +267,7 @@ def data(creep: str = "she", yaw_dampers: str = "direct") -> SimpleNamespace:
         Parameter("f22", 8.7e6, "N", "lateral creep coefficient, a wheel", any_sign),
         Parameter("K0", 14.6e6, "N/m", "flange stiffness", any_sign),
         Parameter("y0", 0.008, "m", "flange clearance", positive),
+        Parameter("Q", 54.5e3, "N", "wheel load, of Y/Q only", positive),
     ]
     if creep == "she":
         found.append(Parameter("muN", 16.4e3, "N", "friction limit, a wheel", positive))

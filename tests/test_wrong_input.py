@@ -324,7 +324,7 @@ COMMANDS = [
     "simulate van_der_pol --method euler",
     "simulate van_der_pol --step 0",
     "compare van_der_pol --methods xx",
-    "compare van_der_pol --values a,b",
+    "compare van_der_pol --at a,b",
     "chart yang1995 --over zz 1 2",
     "chart yang1995 --over lam 2 1",
     "identify van_der_pol",

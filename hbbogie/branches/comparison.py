@@ -16,6 +16,7 @@ from hbbogie.branches.closed_form import exact_branch, exact_crossings, exact_wa
 from hbbogie.branches.collocated import branch_of, followed_from
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
+from hbbogie.branches.cycles import find_cycles
 from hbbogie.brief import brief
 from hbbogie.collocation.method import Collocation
 from hbbogie.collocation.walk import Followed
@@ -32,6 +33,7 @@ from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
 
 TRUTH = "mhb61"
+FAMILY = 1e-6  # share of the interval below which a branch does not vary: cycles of every amplitude at one value
 EXACT, COLLOCATION = "exact", "collocation"
 USUAL, CONVERGED = 15, "mhb63"  # highest harmonic of "mhb", and what "auto" is for a system that is not exact
 DEFAULT_METHODS = ("df1", "df2", "mhb3", "mhb15")
@@ -198,29 +200,35 @@ def _named(system: System, name: str) -> str:
     return CONVERGED if first == "mhb" else first
 
 
-def trace_by_method(system: System, name: str, hopf: SpecialPoint, interval: tuple[float, float]) -> TracedBranch:
-    """Trace the branch that begins at a Hopf point by the method of that name."""
+def trace_by_method(
+    system: System, name: str, origin: SpecialPoint | Orbit, parameter: str, interval: tuple[float, float]
+) -> TracedBranch:
+    """Trace the branch that begins at a Hopf point, or the one through a cycle, by the method of that name."""
     start = time.perf_counter()
     if name == EXACT:
         switched_linear(system)
+        if isinstance(origin, Orbit):
+            raise ModelError(f"compare: {EXACT} begins at Hopf points only; leave it out.")
         built = time.perf_counter()
-        walk = exact_walk(system, hopf, interval)
+        walk = exact_walk(system, origin, interval)
         followed = time.perf_counter()
         return TracedBranch(
-            name, exact_branch(walk, hopf), built - start, followed - built, partial(exact_crossings, walk)
+            name, exact_branch(walk, origin), built - start, followed - built, partial(exact_crossings, walk)
         )
     if name == COLLOCATION:
         on_mesh = Collocation().equations(system)
         built = time.perf_counter()
-        followed_branch = followed_from(on_mesh, hopf, hopf.parameter, interval)
+        followed_branch = followed_from(on_mesh, origin, parameter, interval)
         followed = time.perf_counter()
-        branch = branch_of(followed_branch, system, hopf, stability=False)
+        branch = branch_of(followed_branch, system, origin, stability=False)
         return TracedBranch(name, branch, built - start, followed - built, partial(_collocated, followed_branch))
     equations = method_named(name).equations(system)
-    equations.derivatives((system.parameter_names.index(hopf.parameter),))
+    if isinstance(origin, Orbit):  # another method has found it
+        equations = equations.phased(origin)
+    equations.derivatives((system.parameter_names.index(parameter),))
     equations.derivatives(())
     built = time.perf_counter()
-    branch = trace(equations, hopf, hopf.parameter, interval, stability=False)
+    branch = trace(equations, origin, parameter, interval, stability=False)
     tracing = time.perf_counter() - built
     return TracedBranch(name, branch, built - start, tracing, partial(_cycles, equations, branch))
 
@@ -237,6 +245,9 @@ def compare(
     progress: Progress = silent,
 ) -> Comparison:
     """Compute the cycles of the first branch from a Hopf point by several methods.
+
+    Where a family of cycles begins there instead, as at mu = 0 of van der Pol, the branch through the first cycle found
+    at the values of the system is taken.
 
     Parameters
     ----------
@@ -275,16 +286,13 @@ def compare(
         raise ModelError(
             f"system {system.name!r} has no Hopf point for {name} from {span[0]:g} to {span[1]:g}; widen the interval."
         )
+    progress(f"branch by {truth}", 0.0)
+    origin, first = _branch_of_the_truth(system, truth, hopf[0], span)
     followed = {}
     for i, method in enumerate(names):
         progress(f"branch by {method}", i / (2 * len(names)))
-        followed[method] = trace_by_method(system, method, hopf[0], span)
-    V = followed[truth].branch.values
-    if values is None and np.ptp(V) < 1e-6 * (span[1] - span[0]):
-        raise ModelError(
-            f"compare: from the Hopf point at {name} = {hopf[0].value:.6g} begins a family of cycles at that value, as "
-            "in a conservative system, and no branch to compare on; give values at which cycles exist."
-        )
+        followed[method] = first if method == truth else trace_by_method(system, method, origin, name, span)
+    V = first.branch.values
     chosen = np.linspace(V.min(), V.max(), 14)[1:-1] if values is None else np.asarray(values, dtype=float)
     rows: list[Compared] = []
     for i, value in enumerate(chosen):
@@ -292,6 +300,25 @@ def compare(
         rows += _compared(followed, truth, float(value))
     coordinates = system.nonlinear_coordinates or system.coordinate_names[:1]
     return Comparison(name, system.parameter(name).unit, coordinates, followed, truth, tuple(rows))
+
+
+def _branch_of_the_truth(
+    system: System, truth: str, hopf: SpecialPoint, span: tuple[float, float]
+) -> tuple[SpecialPoint | Orbit, TracedBranch]:
+    """Return where the branch begins that is compared on, and that branch by the converged method."""
+    name = hopf.parameter
+    first = trace_by_method(system, truth, hopf, name, span)
+    if np.ptp(first.branch.values) >= FAMILY * (span[1] - span[0]):
+        return hopf, first
+    value = system.values[name]
+    if abs(value - hopf.value) > FAMILY * (span[1] - span[0]):
+        for cycle in find_cycles(system, parameter=name, interval=span, stability=False):
+            return cycle, trace_by_method(system, truth, cycle, name, span)
+    raise ModelError(
+        f"compare: from the Hopf point at {name} = {hopf.value:.6g} begins a family of cycles at that value, as in a "
+        f"conservative system, and no cycle was found at {name} = {value:.6g} to follow instead; give the system a "
+        f"value of {name} at which cycles exist."
+    )
 
 
 def _compared(followed: dict[str, TracedBranch], truth: str, value: float) -> list[Compared]:

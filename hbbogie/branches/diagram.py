@@ -20,7 +20,7 @@ from hbbogie.brief import brief
 from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError, door
+from hbbogie.errors import ModelError, door, whole
 from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -77,6 +77,7 @@ def bifurcation_diagram(
     harmonics: int | str = "auto",
     tolerance: float = 1e-3,
     stability: bool = True,
+    max_points: int = MAX_POINTS,
     progress: Progress = silent,
 ) -> Diagram:
     """Trace the branches from all Hopf points, those through the system's cycles, and what begins on them.
@@ -98,6 +99,8 @@ def bifurcation_diagram(
     stability : bool
         Whether to compute the multipliers of every cycle, locate the special points, and follow the branches that
         begin at pitchforks, period doublings and branch points.
+    max_points : int
+        Points of a branch at which it ends.
     progress : callable
         Called with (message, fraction done or None).
 
@@ -112,7 +115,7 @@ def bifurcation_diagram(
     method = chosen_methods("bifurcation_diagram", system, method, given, along=parameter)[0]
     progress("looking for Hopf points", None)
     hopf = hopf_points(system, parameter, interval)
-    about = _About(system, parameter, interval, hopf, progress)
+    about = _About(system, parameter, interval, hopf, whole("bifurcation_diagram: max_points", max_points, 2), progress)
     if method != "mhb":
         return about.by(method, stability)
     cycles: list[Orbit] | None = None
@@ -148,6 +151,7 @@ class _About:
     parameter: str
     interval: tuple[float, float]
     hopf: list[SpecialPoint]
+    max_points: int
     progress: Progress
 
     def by(self, method: str, stability: bool) -> Diagram:
@@ -183,7 +187,7 @@ class _About:
         def say(value: float) -> None:
             self.progress(f"tracing a branch: {self.parameter} = {value:.5g}", None)
 
-        options: dict[str, Any] = {"max_points": MAX_POINTS, "stability": stability, "progress": say}
+        options: dict[str, Any] = {"max_points": self.max_points, "stability": stability, "progress": say}
         try:
             return [trace(equations, start, self.parameter, self.interval, **options)]
         except FAILURES as error:

@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from hbbogie.errors import ModelError
 
@@ -24,19 +24,44 @@ if TYPE_CHECKING:
 
 FIGURES = (".png", ".pdf", ".svg")
 
+# of commands in the help, as one comes to use them
+ORDER = (
+    *("problems", "new", "run", "cycles", "branch", "simulate", "plot", "animate", "explore", "compare", "critical"),
+    *("chart", "design", "identify", "basin", "ramp", "conicity", "study", "export"),
+)
+
+
+class InOrder(TyperGroup):
+    """The commands in the order of their use."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the commands."""
+        return sorted(super().list_commands(ctx), key=lambda name: (*ORDER, name).index(name))
+
+
 app = typer.Typer(
     name="hbbogie",
+    cls=InOrder,
     help="Limit cycles of self-excited mechanical systems: find them, follow them, judge their stability.",
     epilog="Begin with: hbbogie problems\n\nthen: hbbogie run yang1995 --output out",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+def _shipped(incomplete: str) -> list[str]:
+    from hbbogie.model.problem import shipped_problems
+
+    return [name for name in shipped_problems() if name.startswith(incomplete)]
+
+
 Problem = Annotated[
-    str, typer.Argument(metavar="NAME", help="Name of a shipped problem, or path of a file (.py) or folder.")
+    str,
+    typer.Argument(
+        metavar="NAME", help="Name of a shipped problem, or path of a file (.py) or folder.", autocompletion=_shipped
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,
@@ -96,13 +121,30 @@ class Form(StrEnum):
     svg = "svg"
 
 
-# options of every command that writes figures, with their defaults
+# options of every command, with their defaults
+LOUDNESS: dict[str, tuple[Any, Any]] = {
+    "quiet": (Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")], False),
+    "verbose": (Annotated[bool, typer.Option("--verbose", "-v", help="Log each step with its time.")], False),
+}
+# of those that take values of parameters
+VALUES: dict[str, tuple[Any, Any]] = {
+    "values_file": (
+        Annotated[
+            Path | None,
+            typer.Option(
+                "--values", metavar="FILE", help="Parameter values from a .toml, .json or .csv file; --set comes after."
+            ),
+        ],
+        None,
+    ),
+}
+# of those that write figures
 SHARED: dict[str, tuple[Any, Any]] = {
     "form": (Annotated[Form, typer.Option("--format", help="Of the figures.")], Form.png),
-    "quiet": (Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")], False),
     "no_figures": (Annotated[bool, typer.Option("--no-figures", help="Write tables and branches only.")], False),
 }
 figures_wanted: ContextVar[dict[str, Any]] = ContextVar("figures_wanted")  # by the command that runs
+values_given: ContextVar[Path | None] = ContextVar("values_given", default=None)
 
 
 def written(report: Report, folder: Path, progress: Any) -> list[Path]:
@@ -123,19 +165,20 @@ def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., No
 
         @functools.wraps(function)
         def run(*args: Any, **kwargs: Any) -> None:
-            from hbbogie.commandline.terminal import guarded, quiet
+            from hbbogie.commandline.terminal import guarded, set_loudness
 
-            quiet.set(bool(kwargs.get("quiet")))
-            options = {name: kwargs.pop(name) for name in SHARED if name in kwargs}
+            options = {name: kwargs.pop(name) for name in (*SHARED, *VALUES, *LOUDNESS) if name in kwargs}
+            set_loudness(bool(options.get("quiet")), bool(options.get("verbose")))
+            values_given.set(options.get("values_file"))
             figures_wanted.set({"form": str(options.get("form", Form.png)), "figures": not options.get("no_figures")})
             guarded(function, args, kwargs)
 
-        if writes:
-            kind, hints = inspect.Parameter.KEYWORD_ONLY, get_type_hints(function, include_extras=True)
-            own = [p.replace(annotation=hints[n]) for n, p in inspect.signature(function).parameters.items()]
-            own += [inspect.Parameter(n, kind, default=d, annotation=a) for n, (a, d) in SHARED.items()]
-            run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
-            run.__annotations__ = {p.name: p.annotation for p in own}
+        shared = LOUDNESS | (VALUES if "overrides" in function.__annotations__ else {}) | (SHARED if writes else {})
+        kind, hints = inspect.Parameter.KEYWORD_ONLY, get_type_hints(function, include_extras=True)
+        own = [p.replace(annotation=hints[n]) for n, p in inspect.signature(function).parameters.items()]
+        own += [inspect.Parameter(n, kind, default=d, annotation=a) for n, (a, d) in shared.items()]
+        run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in own}
         return group.command(epilog=examples(*lines), cls=Strict)(run)
 
     return register
@@ -162,17 +205,14 @@ def _options(
 def load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
     """Return the module of a problem and its system with parameter values replaced."""
     from hbbogie.commandline.terminal import quantities
+    from hbbogie.commandline.values import in_own_units, values_in
     from hbbogie.model.problem import load_problem, system_of
-    from hbbogie.units import unit_factor
 
-    given = quantities(overrides, "--set")
+    file = values_given.get()
+    given = ({} if file is None else values_in(file)) | quantities(overrides, "--set")
     module = load_problem(name)
-    values = {n: value for n, (value, _) in given.items()}
-    if any(unit for _, unit in given.values()):
-        plain = system_of(module)
-        for n, (value, unit) in given.items():
-            values[n] = value * unit_factor(unit, plain.parameter(n).unit, n) if unit else value
-    return module, system_of(module, **values)
+    units = {p.name: p.unit for p in system_of(module).parameters} if any(unit for _, unit in given.values()) else {}
+    return module, system_of(module, **in_own_units(given, units))
 
 
 def do(

@@ -76,6 +76,7 @@ def branch(
     interval: Interval = None,
     method: Method = None,
     harmonics: Harmonics = None,
+    max_points: Annotated[int, typer.Option(min=2, metavar="N", help="Points at which a branch ends.")] = 600,
     stability: Annotated[
         bool,
         typer.Option("--stability/--no-stability", help="Judge every cycle, locate bifurcations and follow them."),
@@ -106,6 +107,7 @@ def branch(
             method=method or "mhb",
             harmonics=harmonics or "auto",
             stability=stability,
+            max_points=max_points,
             progress=progress,
         )
         found = in_time(limit, lambda: report_of_diagram(system, diagram()))
@@ -196,11 +198,14 @@ def simulate(
 @command(
     "hbbogie plot out/branch.nc",
     'hbbogie plot out/branch.nc --coordinate q3 --quantity "first harmonic" --output q3.pdf',
+    'hbbogie plot out/branch.nc --coordinate "frame lateral acceleration" --quantity rms',
 )
 def plot(
     file: Annotated[Path, typer.Argument(metavar="FILE.nc", help="A branch or cycle saved by this program.")],
-    coordinate: Annotated[str | None, typer.Option(metavar="NAME", help="By default the first one.")] = None,
-    quantity: Annotated[str, typer.Option(help='"peak" or "first harmonic".')] = "peak",
+    coordinate: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of a coordinate or an output; by default the first coordinate.")
+    ] = None,
+    quantity: Annotated[str, typer.Option(help="peak, first harmonic, half peak to peak, mean or rms.")] = "peak",
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Figure (.png, .pdf, .svg); FILE.png if left out."),

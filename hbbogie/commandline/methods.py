@@ -26,7 +26,7 @@ from hbbogie.commandline.application import (
 @command(
     "hbbogie compare yang1995",
     "hbbogie compare yang1995 --methods df1,df2,mhb3,mhb15,exact",
-    "hbbogie compare bautin --methods df1,mhb3 --values -0.2,-0.1,0.1",
+    "hbbogie compare bautin --methods df1,mhb3 --at -0.2,-0.1,0.1",
 )
 def compare(
     name: Problem,
@@ -36,7 +36,7 @@ def compare(
             metavar="LIST", help="Methods, by commas: df1, df2, mhb and a harmonic, exact, collocation, auto."
         ),
     ] = None,
-    values: Annotated[
+    at: Annotated[
         str | None, typer.Option(metavar="LIST", help="Parameter values to compare at, separated by commas.")
     ] = None,
     output: Output = Path("out"),
@@ -48,8 +48,8 @@ def compare(
     from hbbogie.reports.comparison import comparison_of
 
     chosen = methods.split(",") if methods else None
-    at = listed(values, "--values") if values else None
-    do(name, overrides, output, as_json, lambda module, system, say: comparison_of(module, system, chosen, at, say))
+    places = listed(at, "--at") if at else None
+    do(name, overrides, output, as_json, lambda module, system, say: comparison_of(module, system, chosen, places, say))
 
 
 @command(

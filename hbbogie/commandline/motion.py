@@ -25,13 +25,13 @@ from hbbogie.commandline.application import (
 @command(
     "hbbogie basin yang1995",
     "hbbogie basin yang1995 --along q1=1,q3=1 --range 88 92",
-    "hbbogie basin bautin --values 10 --amplitudes 20 --workers 1",
+    "hbbogie basin bautin --points 10 --amplitudes 20 --workers 1",
 )
 def basin(
     name: Problem,
     parameter: ParameterName = None,
     interval: Interval = None,
-    values: Annotated[int, typer.Option(help="Number of parameter values.")] = 25,
+    points: Annotated[int, typer.Option(help="Number of parameter values.")] = 25,
     amplitudes: Annotated[int, typer.Option(help="Number of initial amplitudes at each.")] = 40,
     along: Annotated[
         str | None,
@@ -64,7 +64,7 @@ def basin(
             progress,
             parameter=parameter,
             interval=interval,
-            speeds=values,
+            speeds=points,
             amplitudes=amplitudes,
             along=direction,
             largest=largest,
@@ -78,13 +78,13 @@ def basin(
 
 @command(
     "hbbogie animate yang1995 --set V=100",
-    "hbbogie animate yang1995 --set V=80 --file falling.gif",
+    "hbbogie animate yang1995 --set V=80 --output falling.gif",
     "hbbogie animate van_der_pol --set mu=3",
 )
 def animate(
     name: Problem,
-    file: Annotated[
-        Path | None, typer.Option("--file", metavar="FILE", help="A .gif or .mp4; by default NAME.gif.")
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="A .gif or .mp4; by default NAME.gif here.")
     ] = None,
     coordinate: Annotated[str | None, typer.Option(metavar="NAME", help="By default the first one.")] = None,
     cycle: Annotated[
@@ -99,7 +99,7 @@ def animate(
     from hbbogie.reports.animation import motion_to_show
 
     module, system = load(name, overrides)
-    target = plot.check_target(file or Path(f"{Path(name).stem}.gif"))
+    target = plot.check_target(output or Path(f"{Path(name).stem}.gif"))
     with progress_shown() as progress:
         motion, said = motion_to_show(module, system, progress, cycle=cycle)
         progress("drawing", None)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import shlex
+import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hbbogie.commandline.application import AsJson, app, command
+from hbbogie.errors import ModelError
 
 if TYPE_CHECKING:
     from hbbogie.reports.report import Report
-    from hbbogie.studies.study import Look
+    from hbbogie.studies.study import Look, Study
 
 QUIET = 30.0  # s between two lines of progress where there is no terminal
 
@@ -72,6 +75,9 @@ def run(
     path = store or _default_store(wanted.path, points)
     if output is not None:
         check_directory(output)
+    said = _number_made(wanted, points)
+    if said:
+        print(said, file=sys.stderr, flush=True)
     keywords: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "resume": resume}
     try:
         with _progress() as progress, stdout_aside():
@@ -98,6 +104,7 @@ def run(
         print_error(message, as_json, "Interrupted")
         raise typer.Exit(INTERRUPTED) from None
     found = _reported(data, wanted)
+    found = replace(found, notes=(*([said] if said else []), *found.notes))
     files = [] if output is None else found.write(output)
     if output is not None:
         files.append(_html(found, output / f"{wanted.path.stem}.html"))
@@ -176,7 +183,6 @@ def report(
 ) -> None:
     """Write tables and figures of a study into one HTML file that needs no network."""
     from hbbogie.commandline.terminal import deliver
-    from hbbogie.errors import ModelError
     from hbbogie.reports.report import check_directory
     from hbbogie.reports.study import report_of
     from hbbogie.studies.dataset import names_of
@@ -194,6 +200,15 @@ def report(
     deliver(found, [_html(found, output)], as_json)
 
 
+def _number_made(wanted: Study, points: int | None) -> str:
+    """Return a sentence where a study has another number of points than was asked for; empty where not."""
+    made = len(wanted.points)
+    if points is None or made == points:
+        return ""
+    why = "base points, with one for each parameter and one more" if wanted.points.kind == "saltelli" else "steps"
+    return f"--points {points} makes {made} points: a sample of the kind {wanted.points.kind!r} comes in whole {why}."
+
+
 def _default_store(path: Path, points: int | None) -> Path:
     return Path(f"{path.stem}-{points}.db" if points else f"{path.stem}.db")
 
@@ -206,7 +221,19 @@ def _found(file: str, store: Path | None, points: int | None) -> tuple[Path, Pat
     if file.endswith(".db") or is_store(file):
         return Path(file), None
     study_file = find_study(file)
-    return store or _default_store(study_file, points), study_file
+    return store or _store_here(study_file, points), study_file
+
+
+def _store_here(study_file: Path, points: int | None) -> Path:
+    """Return the default store, or the one with a number of points where that is the only one here."""
+    path = _default_store(study_file, points)
+    others = sorted(Path().glob(f"{study_file.stem}-*.db")) if points is None and not path.exists() else []
+    if len(others) > 1:
+        raise ModelError(
+            f"{str(path)!r} is not here, but there are {', '.join(map(str, others))}: say which by --points N or "
+            "--store PATH."
+        )
+    return others[0] if others else path
 
 
 def _read(path: Path) -> Any:
@@ -239,7 +266,6 @@ def _html(found: Report, path: Path) -> Path:
 
 def _progress() -> Any:
     """Give the function that shows progress; where there is no terminal, a line every half minute."""
-    import sys
     from contextlib import nullcontext
 
     from hbbogie.commandline.terminal import console, progress_shown

@@ -10,9 +10,12 @@ TEXT = '''"""A mass on a moving belt: friction that falls with the sliding speed
 
 Source: (yours). The belt moves at v; the mass m hangs on a spring k with a damper c and slides at v - x\'. The
 friction falls like mu(s) = mu0 (1 - a s + b s^3). Replace everything by your own: coordinates, parameters, equations.
+
+Assumption: s > 0, the mass never overtakes the belt. It holds above v = 0.71 m/s. Below, friction would change its sign
+and the mass would stick: write Friction(limit, width) of hbbogie.model there. Look at the output "sliding speed".
 """
 
-from hbbogie import Coordinate, Parameter, System
+from hbbogie import Coordinate, Output, Parameter, System
 
 
 def belt(**parameters: float) -> System:
@@ -20,7 +23,7 @@ def belt(**parameters: float) -> System:
     x = Coordinate("x", "m", "displacement of the mass")
 
     # name, default, unit, what it is, (smallest, largest)
-    v = Parameter("v", 0.5, "m/s", "speed of the belt", (0.01, 10.0))
+    v = Parameter("v", 0.75, "m/s", "speed of the belt", (0.01, 10.0))
     m = Parameter("m", 1.0, "kg", "mass", (1e-3, 1e3))
     k = Parameter("k", 1.0, "N/m", "stiffness", (1e-3, 1e6))
     c = Parameter("c", 0.05, "N s/m", "damping", (0.0, 1e3))
@@ -34,12 +37,18 @@ def belt(**parameters: float) -> System:
     # one equation for each coordinate: what must be zero; x.dot and x.ddot are the derivatives.
     # Conditions are written casadi.if_else(condition, then, otherwise), functions as casadi.tanh(x), and the like.
     equations = [m * x.ddot + c * x.dot + k * x - friction]
-    return System("belt", [x], [v, m, k, c, N, mu0, a, b], equations).with_parameters(**parameters)
+    # what you want to know besides, by names that tables, figures and limits use
+    outputs = [
+        Output("sliding speed", s, "m/s", "of the mass on the belt"),
+        Output("friction force", friction, "N", "of the belt on the mass"),
+    ]
+    known = [v, m, k, c, N, mu0, a, b]
+    return System("belt", [x], known, equations, outputs=outputs).with_parameters(**parameters)
 
 
 SYSTEM = belt  # what the command line builds
 PARAMETER = "v"  # what it follows
-RANGE = (0.1, 1.5)  # and where
+RANGE = (0.72, 1.2)  # and where
 '''
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -14,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from hbbogie.commandline.values import quantity
 from hbbogie.errors import ModelError
+from hbbogie.progress import silent
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,7 +27,20 @@ if TYPE_CHECKING:
 
 WRONG_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 2, 1, 130  # exit codes
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)  # whether progress is kept to itself
+verbose: ContextVar[bool] = ContextVar("verbose", default=False)  # whether each step is logged
 WIDTH = 100  # of the output where it does not go to a terminal
+KEYWORDS = {  # of functions, as messages name them, and the options that give them
+    "raise max_points to go on": "go on with a larger --max-points of hbbogie branch",
+    "resume=True": "--resume",
+    "retry_failed=True": "--retry-failed",
+    "accept_changes=True": "--accept-changes",
+    "harmonics=...": "--harmonics",
+    "look where cycles exist with find_cycles or trace": "look where cycles exist with hbbogie cycles or branch",
+    "approach it in smaller steps with trace, start from find_cycles, or take fewer harmonics first": "try values near "
+    "by, or fewer harmonics with --harmonics",
+    "workers=0": "--workers 0",
+    "take order=1 or HarmonicBalance(harmonics)": "take df1 or mhb15",
+}
 FEW_ROWS = 6  # a table too wide for the terminal is turned where it has no more rows than this
 
 
@@ -48,7 +64,7 @@ def assignments(texts: Sequence[str] | None, option: str) -> dict[str, str]:
     for text in texts or ():
         name, sign, value = (part.strip() for part in text.partition("="))
         if not (name and sign and value):
-            raise ModelError(f"{option} {text!r}: write NAME=VALUE without spaces, such as {option} V=90.")
+            raise ModelError(f"{option} {text!r}: write NAME=VALUE, such as {option} V=90.")
         if name in found:
             raise ModelError(f"{option}: {name!r} is given twice, as {found[name]} and as {value}; leave one out.")
         found[name] = value
@@ -61,17 +77,13 @@ def numbers(texts: Sequence[str] | None, option: str) -> dict[str, float]:
     Raises
     ------
     ModelError
-        As of `assignments`, and for a value that is no number.
+        As of `quantities`, and for a unit.
     """
     found: dict[str, float] = {}
-    for name, value in assignments(texts, option).items():
-        try:
-            switch = {"true": True, "false": False}.get(value.lower())
-            found[name] = float(value) if switch is None else switch
-        except ValueError:
-            raise ModelError(
-                f"{option} {name}={value}: {value!r} is not a number; write it like 2.5e6 (true or false for a switch)."
-            ) from None
+    for name, (value, unit) in quantities(texts, option).items():
+        if unit:
+            raise ModelError(f"{option} {name}={value:g} {unit}: give a number without a unit here.")
+        found[name] = value
     return found
 
 
@@ -81,13 +93,9 @@ def quantities(texts: Sequence[str] | None, option: str) -> dict[str, tuple[floa
     Raises
     ------
     ModelError
-        As of `numbers`.
+        As of `assignments`, and for a value that is no number.
     """
-    found = {}
-    for name, text in assignments(texts, option).items():
-        number, _, unit = text.partition(" ")
-        found[name] = numbers([f"{name}={number}"], option)[name], unit.strip()
-    return found
+    return {name: quantity(f"{option} {name}", text) for name, text in assignments(texts, option).items()}
 
 
 def listed(text: str, option: str) -> list[float]:
@@ -100,12 +108,26 @@ def listed(text: str, option: str) -> list[float]:
         ) from None
 
 
+def set_loudness(no_progress: bool, every_step: bool) -> None:
+    """Say how much the command tells while it works; every step goes to the logger "hbbogie", on standard error."""
+    quiet.set(no_progress)
+    verbose.set(every_step)
+    if every_step:
+        import logging
+
+        logging.basicConfig(format="%(asctime)s %(name)s %(message)s", stream=sys.stderr, force=True)
+        logging.getLogger("hbbogie").setLevel(logging.DEBUG)
+
+
 @contextmanager
 def progress_shown() -> Iterator[Callable[[str, float | None], None]]:
     """Give a function (message, fraction) that shows progress on standard error."""
     out = console(stderr=True)
     if quiet.get():
         yield lambda message, fraction: None
+        return
+    if verbose.get():
+        yield silent
         return
     if not out.is_terminal:
         last = ""
@@ -164,7 +186,7 @@ def print_table(table: Table, out: Console) -> None:
     for part in _parts(header, cells, numeric, out.width):
         _print_grid([[row[i] for i in part] for row in (header, *cells)], [numeric[i] for i in part], out)
     for note in table.notes:
-        out.print(Text(note, style="dim"), soft_wrap=False)
+        out.print(Text(in_options(note), style="dim"), soft_wrap=False)
 
 
 def _least(header: str, entries: Sequence[str], numeric: bool) -> int:
@@ -207,6 +229,14 @@ def _print_grid(rows: list[list[str]], numeric: list[bool], out: Console) -> Non
     out.print(grid, width=max(needed, out.width), crop=False, overflow="ignore", no_wrap=needed > out.width)
 
 
+def in_options(text: str) -> str:
+    """Return a sentence with options of the command line for the keywords of the functions behind it."""
+    text = re.sub(r"\b\w+=(?:\{[^}]*\}|\S+) \((--[^)]+)\)", r"\1", text)  # that names both
+    for keyword, option in KEYWORDS.items():
+        text = text.replace(keyword, option)
+    return text
+
+
 def deliver(report: Report, files: Sequence[Path], as_json: bool, extra: Mapping[str, Any] | None = None) -> None:
     """Print a report and the files written, as text or as one JSON document."""
     if as_json:
@@ -219,7 +249,7 @@ def deliver(report: Report, files: Sequence[Path], as_json: bool, extra: Mapping
     for table in report.tables:
         print_table(table, out)
     for note in report.notes:
-        out.print(Text(note))
+        out.print(Text(in_options(note)))
     if files:
         folders = sorted({str(f.parent) for f in files})
         out.print(Text(f"\nWritten to {', '.join(folders)}: {', '.join(f.name for f in files)}"))
@@ -229,6 +259,7 @@ def print_error(message: str, as_json: bool, kind: str) -> None:
     """Print an error on standard error, and as a JSON object on standard output where that is asked for."""
     from rich.text import Text
 
+    message = in_options(message)
     if as_json:
         print(json.dumps({"error": message, "kind": kind}))
     text = Text.assemble(("Error: ", "bold red"), (message, "red"))

@@ -2,9 +2,10 @@ from .criteria import CriticalValue as CriticalValue
 from .criteria import DampingRatio as DampingRatio
 from .criteria import Expression as Expression
 from .criteria import Limit as Limit
-from .criteria import Peak as Peak
 from .criteria import Quantity as Quantity
 from .criteria import cost_of_change as cost_of_change
+from .cycle_criteria import Peak as Peak
+from .cycle_criteria import RootMeanSquare as RootMeanSquare
 from .identification import Identification as Identification
 from .identification import identify as identify
 from .minimax import Minimum as Minimum

@@ -11,12 +11,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
-from hbbogie.design.point import DesignPoint, Row, critical_rows, stable_cycle
+from hbbogie.design.point import DesignPoint, Row, critical_rows
 from hbbogie.equilibria.eigenvalues import Eigenvalues
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.errors import ModelError, unknown_name
-from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
@@ -150,7 +148,7 @@ class DampingRatio:
     def rows(self, point: DesignPoint) -> list[Row]:
         """Return the rows, in order of frequency."""
         system = point.system
-        _check_within(point, self.name, self.at)
+        check_within(point, self.name, self.at)
         line = Linearisation(system, point.parameter)
         found = Eigenvalues(system, line.equilibrium(self.at), line.parameters(self.at))
         values = found.values
@@ -164,7 +162,7 @@ class DampingRatio:
         return rows
 
 
-def _check_within(point: DesignPoint, what: str, value: float) -> None:
+def check_within(point: DesignPoint, what: str, value: float) -> None:
     """Raise `ModelError` when a value of the parameter lies outside its bounds."""
     low, high = point.system.parameter(point.parameter).bounds
     if not low <= value <= high:
@@ -186,97 +184,3 @@ def _damping_hessian(found: Eigenvalues, i: int, names: Sequence[str]) -> Array:
     turn, angle = slopes.imag, np.angle(value)
     turned = (found.hessian(i, places) / value - np.outer(slopes, slopes)).imag
     return np.asarray(np.cos(angle) * np.outer(turn, turn) + np.sin(angle) * turned)
-
-
-@dataclass(frozen=True, eq=False)
-class Peak:
-    """The largest absolute value, over the period of the hunting cycle, of a coordinate or of an element's force.
-
-    Attributes
-    ----------
-    of : str
-        Name of a coordinate or of an element, such as "q1" or "front flange".
-    at : float, unit of the parameter whose critical value is raised
-        The value at which the peak is taken. Give either this or
-    overspeed : float
-        the fraction by which this value exceeds the smallest critical value. The derivative follows that value.
-    unit : str
-
-    Notes
-    -----
-    The cycle solves F(z, p) = 0, so dz/dp = -F_z^-1 F_p. At its maximum the signal does not vary with the phase, so the
-    phase may be held fixed. If there are several cycles, the stable one is taken, and if there are several stable ones,
-    the largest. If there is no cycle there is no row, and a limit counts as satisfied.
-    """
-
-    of: str
-    at: float | None = None
-    overspeed: float | None = None
-    unit: str = ""
-
-    def __post_init__(self) -> None:
-        if (self.at is None) == (self.overspeed is None):
-            raise ModelError(f"Peak of {self.of!r}: give either at= (a value) or overspeed= (a share), not both.")
-        if self.overspeed is not None and not self.overspeed > 0:
-            raise ModelError(f"Peak of {self.of!r}: overspeed={self.overspeed:g}; give a positive share, such as 0.1.")
-
-    @property
-    def name(self) -> str:
-        """Its name, with the value at which it is taken."""
-        where = f"at {self.at:g}" if self.at is not None else f"at {100 * (self.overspeed or 0):g} % overspeed"
-        return f"peak of {self.of} {where}"
-
-    def rows(self, point: DesignPoint) -> list[Row]:
-        """Return the one row, or none if there is no cycle."""
-        equations, share = point.equations, self.overspeed or 0.0
-        value = self.at if self.at is not None else point.beyond(share)
-        _check_within(point, self.name, value)
-        if value < point.value:
-            return []
-        cycle = stable_cycle(point, self, value)
-        if cycle is None:
-            return []
-        equations = equations.phased(cycle)
-        z, p = equations.encode(cycle), point.system.vector(**{point.parameter: value})
-        signal, slopes = equations.once(("peak", self.of), lambda: _signal(equations, self.of))
-        tau = fourier.phases(32 * (cycle.H + 1))
-        q, v = (cycle.omega**d * cycle.at(tau, d) for d in (0, 1))
-        s = signal.map(len(tau))(q.T, v.T, p).full().ravel()
-        best, sign = float(tau[np.argmax(np.abs(s))]), float(np.sign(s[np.argmax(np.abs(s))]))
-        for _ in range(4):
-            _, d1, d2, _ = slopes(best, z, p)
-            best -= float(np.clip(float(d1) / float(d2), -tau[1], tau[1])) if float(d2) else 0.0
-        peak, _, _, d = slopes(best, z, p)
-        J = equations.derivatives(tuple(range(len(p))))(z, p)[1].full()
-        m, d = equations.size, d.full().ravel()
-        gradient = sign * (d[m:] - J[:, m:].T @ np.linalg.solve(J[:, :m].T, d[:m]))
-        place = point.system.parameter_names.index(point.parameter)
-        along, gradient[place] = gradient[place], 0.0
-        if self.overspeed is not None:
-            smallest = min((row for row, _ in critical_rows(point)), key=lambda row: row.value)
-            gradient = gradient + along * (1 + share * np.sign(point.value)) * smallest.gradient
-        return [Row(self.name, float(sign * peak), gradient)]
-
-
-def _signal(equations: Equations, of: str) -> tuple[ca.Function, ca.Function]:
-    """Return (q, v, p) -> signal, and (phase, z, p) -> signal, two derivatives in the phase, gradient in (z, p)."""
-    system = equations.system
-    H = (equations.coefficients.size1_out(0) - 1) // 2
-    tau, z, p = ca.MX.sym("tau"), ca.MX.sym("z", equations.size), ca.MX.sym("p", len(system.parameters))
-    h = ca.DM(np.arange(1, H + 1))
-    both = ca.vec(ca.horzcat(ca.cos(h * tau), ca.sin(h * tau)).T)
-    turned = ca.vec(ca.horzcat(-h * ca.sin(h * tau), h * ca.cos(h * tau)).T)
-    elements = {e.name: e for e in system.elements}
-    q, v = ca.MX.sym("q", system.n), ca.MX.sym("v", system.n)
-    if of in elements:
-        signal = ca.Function("signal", [q, v, p], [elements[of].force(elements[of].argument(q, v, p), p)])
-    elif of in system.coordinate_names:
-        signal = ca.Function("signal", [q, v, p], [q[system.index(of)]])
-    else:
-        raise ModelError(f"Peak: {unknown_name('coordinate or element', of, (*system.coordinate_names, *elements))}")
-    c = equations.coefficients(z, p)
-    speed = turned.T @ c[1:, :] + ca.DM(equations.advance or np.zeros(system.n)).T / (2 * np.pi)
-    s = signal((c[0, :] + both.T @ c[1:, :]).T, (equations.frequency(z) * speed).T, p)
-    d1 = ca.gradient(s, tau)
-    slopes = ca.Function("slopes", [tau, z, p], [s, d1, ca.gradient(d1, tau), ca.gradient(s, ca.vertcat(z, p))])
-    return signal, slopes

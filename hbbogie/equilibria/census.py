@@ -156,7 +156,9 @@ def _part(rest: Rest, span: tuple[float, float], state: Array, value: float | No
             if high - low < 1e-6 * (span[1] - span[0])
             else (f"from {rest.parameter} = {low:.6g} to {high:.6g}")
         )
-        notes.append(f"equilibria that form continuous families {place} are not followed: give one as start=")
+        notes.append(
+            f"equilibria that form continuous families {place} are not followed: scripts can give one as start="
+        )
     notes.insert(0, head)
     return Part(rest, box, tuple(branches)), [*rest.level.text, *notes]
 

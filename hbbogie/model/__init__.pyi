@@ -11,6 +11,7 @@ from .laws import Polynomial as Polynomial
 from .laws import Saturation as Saturation
 from .laws import Step as Step
 from .laws import Tabulated as Tabulated
+from .outputs import Output as Output
 from .parts import Parts as Parts
 from .problem import default_interval as default_interval
 from .problem import load_problem as load_problem

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
 from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
-from hbbogie.errors import ModelError, told
+from hbbogie.errors import ModelError, as_number, told
 from hbbogie.model.elements import Element, force_of
-from hbbogie.model.scalars import as_expression
+from hbbogie.model.outputs import Output
+from hbbogie.model.scalars import as_expression, constants
 from hbbogie.model.symbols import Coordinate, Parameter
 
-T = TypeVar("T", Coordinate, Parameter, Element)
+T = TypeVar("T", Coordinate, Parameter, Element, Output)
 
 
 def check_names(
@@ -22,8 +24,9 @@ def check_names(
     parameters: Sequence[Parameter],
     elements: Sequence[Element],
     description: str = "",
-) -> tuple[tuple[Coordinate, ...], tuple[Parameter, ...], tuple[Element, ...]]:
-    """Return coordinates, parameters and elements; raise `ModelError` unless they are such and all names differ."""
+    outputs: Sequence[Output] = (),
+) -> tuple[tuple[Coordinate, ...], tuple[Parameter, ...], tuple[Element, ...], tuple[Output, ...]]:
+    """Return them all as tuples; raise `ModelError` unless they are what they should be and all names differ."""
     for what, text in (("name", name), ("description", description)):
         if not isinstance(text, str) or (what == "name" and not text):
             raise ModelError(f"{what} of a system: got {told(text)}; give a text, such as 'bogie'.")
@@ -31,6 +34,7 @@ def check_names(
         _all("coordinates", coordinates, Coordinate),
         _all("parameters", parameters, Parameter),
         _all("elements", elements, Element),
+        _all("outputs", outputs, Output),
     )
     if not groups[0]:
         raise ModelError("a system needs at least one coordinate; got none.")
@@ -102,17 +106,12 @@ def check_equations(
     for element in elements:
         if element.element_hash() not in used:
             raise ModelError(f"element {element.name!r} stands in no equation; add its force to one.")
-    if any(np.isnan(np.asarray(ca.DM(c))).any() for row in rows for c in _constants(row)):
+    if any(np.isnan(np.asarray(ca.DM(c))).any() for row in rows for c in constants(row)):
         raise ModelError(
             "an equation contains a constant that is not a number (NaN); check the numbers used, and write "
             "casadi.tanh(x) for math.tanh(x), and the like: the functions of math make NaN of an expression."
         )
     return ca.vertcat(*rows)
-
-
-def _constants(row: ca.SX) -> list[float]:
-    f = ca.Function("row", ca.symvar(row), [row])
-    return [f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST]
 
 
 def orders(residual: ca.Function, coordinates: Sequence[Coordinate]) -> tuple[bool, ...]:
@@ -125,3 +124,16 @@ def orders(residual: ca.Function, coordinates: Sequence[Coordinate]) -> tuple[bo
                 "by hand, or give it mass or damping."
             )
     return tuple(i in accelerations for i in range(len(coordinates)))
+
+
+def checked_value(parameter: Parameter, value: Any) -> float:
+    """Return the value of a parameter; raise `ModelError` unless it is a finite number within the bounds."""
+    (low, high), number = parameter.bounds, as_number(value)
+    if not (isfinite(number) and low <= number <= high):
+        got = f"{number:g}" if number == number else told(value)
+        raise ModelError(
+            f"parameter {parameter.name!r} ({parameter.description or 'no description'}): got {got} {parameter.unit}; "
+            f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()
+            + "."
+        )
+    return number

@@ -16,6 +16,7 @@ from hbbogie.errors import ModelError
 from hbbogie.model.checks import check_equations, check_names, orders
 from hbbogie.model.divisions import divisions
 from hbbogie.model.elements import AttachedLaw, Element, attach
+from hbbogie.model.outputs import Measure, Output, Outputs, attach_outputs
 from hbbogie.model.symbols import Coordinate, Parameter
 from hbbogie.model.turns import check_turns
 from hbbogie.once import Once
@@ -36,6 +37,8 @@ class Dynamics:
         The equations with the forces of the elements as arguments.
     second_order : tuple of bool
         Whether the second derivative of each coordinate occurs.
+    outputs : Outputs or None
+        None where the system names none.
     once : Once
         What is built for these equations, for all values of the parameters.
     """
@@ -47,6 +50,7 @@ class Dynamics:
     elements: tuple[AttachedLaw, ...]
     residual_with_forces: ca.Function
     second_order: tuple[bool, ...]
+    outputs: Outputs | None = None
     once: Once = field(default_factory=Once, repr=False)
 
     __repr__ = brief
@@ -79,8 +83,8 @@ class Dynamics:
 
     @property
     def naming(self) -> Naming:
-        """Units and descriptions of coordinates and parameters."""
-        return self.once("naming", lambda: _naming((*self.coordinates, *self.parameters)))
+        """Units and descriptions of coordinates, parameters and outputs, and the measure of the outputs."""
+        return self.once("naming", lambda: _naming(self))
 
     @property
     def residual(self) -> ca.Function:
@@ -98,6 +102,11 @@ class Dynamics:
         return self.once("A", lambda: _state_matrix(self))
 
     @property
+    def measure(self) -> ca.Function:
+        """Function (q, v, p) -> y, shape (number of outputs,): the outputs, with the accelerations of the motion."""
+        return self.once("measure", lambda: _measure(self))
+
+    @property
     def linear(self) -> tuple[ca.Function, ca.Function, ca.Function]:
         """Mass, damping and stiffness matrices at rest, functions of the parameter vector."""
         return self.once("linear", lambda: linear_matrices(self.residual))
@@ -109,13 +118,14 @@ class Dynamics:
 
     def backwards(self) -> Dynamics:
         """Return the equations of the same motions backwards in time: velocities change their sign."""
-        q, v, a, f, p = self.residual_with_forces.sx_in()
+        q, v, p = (self.residual_with_forces.sx_in(i) for i in (0, 1, 4))
         return replace(
             self,
-            residual_with_forces=_with_forces(q, v, a, f, p, self.residual_with_forces(q, -v, a, f, p)),
+            residual_with_forces=_backwards(self.residual_with_forces),
             elements=tuple(
                 replace(e, argument=ca.Function("argument", [q, v, p], [e.argument(q, -v, p)])) for e in self.elements
             ),
+            outputs=self.outputs and replace(self.outputs, with_forces=_backwards(self.outputs.with_forces)),
             once=Once(),
         )
 
@@ -127,14 +137,17 @@ def equations_of_motion(
     equations: Sequence[Any],
     elements: Sequence[Element] = (),
     description: str = "",
+    outputs: Sequence[Output] = (),
 ) -> Dynamics:
     """Return the equations of motion of a system as a value; parameters and errors as of `System`."""
-    coordinates, parameters, elements = check_names(name, coordinates, parameters, elements, description)
+    coordinates, parameters, elements, outputs = check_names(
+        name, coordinates, parameters, elements, description, outputs
+    )
     r = check_equations(equations, coordinates, parameters, elements)
     q, v, a = (ca.vertcat(*s) for s in zip(*((c, c.dot, c.ddot) for c in coordinates), strict=True))
     p = ca.vertcat(*parameters) if parameters else ca.SX(0, 1)
     f = ca.vertcat(*elements) if elements else ca.SX(0, 1)
-    residual = _with_forces(q, v, a, f, p, r)
+    residual = ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
     found = Dynamics(
         name=name,
         description=description,
@@ -143,20 +156,40 @@ def equations_of_motion(
         elements=tuple(attach(e, q, v, p) for e in elements),
         residual_with_forces=residual,
         second_order=orders(residual, coordinates),
+        outputs=attach_outputs(outputs, q, v, a, f, p, f"system {name!r}"),
     )
     _check_leading_matrix(found)
     check_turns(found)
     return found
 
 
-def _naming(symbols: Sequence[Coordinate | Parameter]) -> Naming:
+def _naming(system: Dynamics) -> Naming:
+    known = [(s.name, s.unit, s.description) for s in (*system.coordinates, *system.parameters)]
+    own = system.outputs
+    known += zip(own.names, own.units, own.descriptions, strict=True) if own else ()
     return Naming(
-        {s.name: s.unit for s in symbols if s.unit}, {s.name: s.description for s in symbols if s.description}
+        {name: unit for name, unit, _ in known if unit},
+        {name: meaning for name, _, meaning in known if meaning},
+        own.names if own else (),
+        Measure(system.measure) if own else None,
     )
 
 
-def _with_forces(q: ca.SX, v: ca.SX, a: ca.SX, f: ca.SX, p: ca.SX, r: ca.SX) -> ca.Function:
-    return ca.Function("residual", [q, v, a, f, p], [r], list("qvafp"), ["r"])
+def _backwards(function: ca.Function) -> ca.Function:
+    """Return a function of (q, v, a, f, p) of the reversed velocities."""
+    q, v, a, f, p = function.sx_in()
+    return ca.Function(function.name(), [q, v, a, f, p], [function(q, -v, a, f, p)], list("qvafp"), ["r"])
+
+
+def _measure(system: Dynamics) -> ca.Function:
+    """Return (q, v, p) -> outputs: accelerations, and rates of first order, are those of the equations of motion."""
+    q, v, a, p = system.symbols()
+    rates = solved_rates(system, system.residual(q, v, a, p), v, a)
+    v_of, solved = rates[: system.n], iter(range(system.n, system.n_states))
+    a_of = ca.vertcat(*(rates[next(solved)] if second else 0 for second in system.second_order))
+    f = ca.vertcat(*(e.force(e.argument(q, v_of, p), p) for e in system.elements))
+    y = system.outputs.with_forces(q, v_of, a_of, f, p) if system.outputs else ca.SX(0, 1)
+    return ca.Function("measure", [q, v, p], [ca.densify(y)], list("qvp"), ["y"])
 
 
 def _check_leading_matrix(system: Dynamics) -> None:

@@ -58,3 +58,9 @@ def check_list(what: str, given: Any) -> None:
         raise ModelError(f"{what}: got {told(given)}; give a list of numbers.")
     for i, value in enumerate(given):
         as_expression(f"{what}, place {i + 1}", value)
+
+
+def constants(expression: ca.SX) -> list[float]:
+    """Return the numbers that an expression contains."""
+    f = ca.Function("expression", ca.symvar(expression), [expression])
+    return [f.instruction_constant(k) for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_CONST]

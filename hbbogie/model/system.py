@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -11,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.brief import lines
-from hbbogie.errors import ModelError, as_number, named, told
+from hbbogie.errors import ModelError, named
+from hbbogie.model.checks import checked_value
 from hbbogie.model.derivatives import state_matrix_at
 from hbbogie.model.dynamics import Dynamics, equations_of_motion
 from hbbogie.model.elements import AttachedLaw, Element
 from hbbogie.model.laws import Law
+from hbbogie.model.outputs import Output
 from hbbogie.model.parts import Parts, is_odd, split
 from hbbogie.model.ramps import Scalar
 from hbbogie.model.symbols import Coordinate, Parameter
@@ -41,6 +42,8 @@ class System:
     elements : sequence of Element
         The elements used in the equations.
     description : str
+    outputs : sequence of Output
+        Quantities of a motion that tables, figures, limits and studies then call by their names.
 
     Raises
     ------
@@ -69,9 +72,10 @@ class System:
         equations: Sequence[Scalar],
         elements: Sequence[Element] = (),
         description: str = "",
+        outputs: Sequence[Output] = (),
     ):
-        self._dynamics = equations_of_motion(name, coordinates, parameters, equations, elements, description)
-        self._values: Mapping[str, float] = Values({p.name: _checked(p, p.default) for p in self.parameters})
+        self._dynamics = equations_of_motion(name, coordinates, parameters, equations, elements, description, outputs)
+        self._values: Mapping[str, float] = Values({p.name: checked_value(p, p.default) for p in self.parameters})
 
     @classmethod
     def _of(cls, dynamics: Dynamics, values: Mapping[str, float]) -> System:
@@ -171,7 +175,7 @@ class System:
         ModelError
             For an unknown name, a value that is not finite or outside the parameter's bounds.
         """
-        checked = {name: _checked(self.parameter(name), value) for name, value in values.items()}
+        checked = {name: checked_value(self.parameter(name), value) for name, value in values.items()}
         return System._of(self._dynamics, {**self._values, **checked})
 
     def backwards(self) -> System:
@@ -221,13 +225,18 @@ class System:
         return tuple(c.name for c in self.coordinates)
 
     @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs, in order."""
+        return self.naming.outputs
+
+    @property
     def groups(self) -> dict[str, tuple[str, ...]]:
         """Names of the coordinates of each group of bodies."""
         return self._dynamics.groups
 
     @property
     def naming(self) -> Naming:
-        """Units and descriptions of coordinates and parameters."""
+        """Units and descriptions of coordinates, parameters and outputs."""
         return self._dynamics.naming
 
     @property
@@ -331,19 +340,6 @@ class System:
         named = [(c.name, c.description, "", c.unit) for c in self.coordinates]
         named += [(p.name, p.description, f"{self.values[p.name]:.6g}", p.unit) for p in self.parameters]
         return page(repr(self), [("name", "what it is", "value", "unit"), *named])
-
-
-def _checked(parameter: Parameter, value: Any) -> float:
-    """Return the value of a parameter; raise `ModelError` unless it is a finite number within the bounds."""
-    (low, high), number = parameter.bounds, as_number(value)
-    if not (isfinite(number) and low <= number <= high):
-        got = f"{number:g}" if number == number else told(value)
-        raise ModelError(
-            f"parameter {parameter.name!r} ({parameter.description or 'no description'}): got {got} {parameter.unit}; "
-            f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()
-            + "."
-        )
-    return number
 
 
 def _as_matrix(m: Any) -> Any:

@@ -158,7 +158,9 @@ def figure_of(ax: Axes) -> Figure:
 
 
 def coordinate_of(o: Orbit | Trajectory, name: str | None) -> tuple[str, str]:
-    """Return name and unit of a coordinate, of the first one where none is named."""
+    """Return name and unit of a coordinate or output, of the first coordinate where none is named."""
+    if o.naming.is_output(name):
+        return str(name), o.naming.units.get(str(name), "1")
     i = 0 if name is None else o.index(name)
     return o.coordinates[i], o.units[i] or "1"
 

@@ -27,13 +27,16 @@ from hbbogie.plot.appearance import (
     styled,
     title_of,
 )
-from hbbogie.plot.curves import Height, draw_marks, draw_pieces, gaps, level_of, onset, pieces
-from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.plot.curves import Height, draw_limits, draw_marks, draw_pieces, gaps, level_of, onset, pieces
+from hbbogie.results import Branch, LimitLine, Orbit, SpecialPoint
 from hbbogie.units import per_second
 
 QUANTITIES: dict[str, Callable[[Orbit, str], float]] = {
     "peak": Orbit.amplitude,
     "first harmonic": Orbit.first_harmonic,
+    "half peak to peak": Orbit.half_peak_to_peak,
+    "mean": Orbit.mean,
+    "rms": Orbit.rms,
     "mean speed": Orbit.mean_speed,
 }
 CRUSHED = 0.12  # share of the axis below which special points are shown once more, enlarged
@@ -50,6 +53,7 @@ def branch(
     labels: Sequence[str] | None = None,
     parameter_label: str | None = None,
     special: Sequence[SpecialPoint] = (),
+    limits: Sequence[LimitLine] = (),
 ) -> Axes:
     """Draw the amplitude over the parameter: stable solid, unstable dashed, unknown dotted.
 
@@ -57,9 +61,9 @@ def branch(
     ----------
     branches : Branch or sequence of Branch
     y : str
-        Coordinate; the first one where left out.
+        Coordinate or output; the first coordinate where left out.
     ax : Axes
-    quantity : {"peak", "first harmonic", "mean speed"}
+    quantity : {"peak", "first harmonic", "half peak to peak", "mean", "rms", "mean speed"}
         The peak of a coordinate that runs on is that of its periodic part; its mean speed is 0 where it does not.
     published : iterable of (label, x, y, marker)
         Points drawn on top: parameter values, shape (k,), and amplitudes, shape (k,), in the units of
@@ -70,6 +74,8 @@ def branch(
         Label of the axis, with unit, such as "speed V [m/s]"; the parameter's name where left out.
     special : sequence of SpecialPoint
         Points to mark besides those of the branches, such as Hopf points.
+    limits : sequence of LimitLine
+        Drawn across, in the unit of y.
     """
     many = _branches(branches)
     name, unit = coordinate_of(many[0][0], y)
@@ -79,7 +85,7 @@ def branch(
     points = [(label, np.atleast_1d(u), np.atleast_1d(w), marker) for label, u, w, marker in published]
     given, ax = ax, axes(ax)
     sizes = [np.array([value(o, name) for o in b]) for b in many] + [w for _, _, w, _ in points]
-    factor, unit = scale(unit, sizes, ax.get_ylabel())
+    own_unit, (factor, unit) = unit, scale(unit, sizes, ax.get_ylabel())
 
     def height(o: Orbit) -> float:
         return factor * value(o, name)
@@ -90,6 +96,7 @@ def branch(
     for gap, width in closed.items():
         text = many[0][0].naming.plain(gap)
         ax.axhline(factor * width, color=INK, lw=0.8, ls=(0, (6, 2, 1, 2)), zorder=1, label=text)
+    draw_limits(ax, limits, name, own_unit, factor, float(many[0].values[0]))
     part = " the periodic part of" * running
     ax.set_ylabel(bracketed(f"{quantity} of{part} {many[0][0].naming.plain(name)}", unit))
     if ax.dataLim.y0 >= 0:

@@ -11,10 +11,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.interpolate import CubicHermiteSpline
 
+from hbbogie.errors import ModelError, several
 from hbbogie.plot.appearance import INK, LINES, Array
-from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results import Branch, LimitLine, Orbit, SpecialPoint
 
 Height = Callable[[Orbit], float]
+LIMIT = "#a02c2c"  # colour of limits
 BESIDE = 0.01  # distance, in units of the curve's extent, up to which a point counts as the special point
 BETWEEN = 12  # points drawn for each interval of a curve
 DRESS = {
@@ -162,11 +164,36 @@ def draw_marks(ax: Axes, marks: Sequence[tuple[SpecialPoint, float]], labels: bo
         ax.plot(*zip(*some, strict=True), marker, label=text if labels else "_", zorder=5, ls="none", **look)
 
 
+def draw_limits(ax: Axes, limits: Sequence[LimitLine], name: str, unit: str, factor: float, at: float) -> None:
+    """Draw limits across; raise `ModelError` unless they have the unit of what is drawn.
+
+    Parameters
+    ----------
+    ax : Axes
+    limits : sequence of LimitLine
+    name, unit : str
+        Of what is drawn.
+    factor : float
+        By which its values are multiplied.
+    at : float, unit of the horizontal axis
+        A value on it.
+    """
+    for limit in several("branch: limits", limits, LimitLine) if limits else []:
+        if (limit.unit or "1") != unit:
+            raise ModelError(
+                f"branch: the limit {limit.label!r} is in {limit.unit or '1'}, but {name!r} is in {unit}; give it in "
+                "the same unit."
+            )
+        ax.axhline(factor * limit.value, color=LIMIT, lw=1.1, ls=(0, (8, 3)), zorder=1, label=limit.label)
+        ax.update_datalim([(at, factor * limit.value)])
+
+
 def level_of(s: SpecialPoint, height: Height, rest: Height | None) -> float:
     """Return the height of a special point; of a Hopf point, whose orbit shows the mode, that of the equilibrium."""
     if s.kind != "hopf" or rest is None:
         return height(s.orbit)
-    return rest(s.orbit.replace(coefficients=s.orbit.coefficients[:1]))
+    # what is recorded at a Hopf point is of the equilibrium
+    return rest(s.orbit.replace(coefficients=s.orbit.coefficients[:1], recorded=s.orbit.recorded))
 
 
 def onset(ax: Axes, branch: Branch, s: SpecialPoint, level: float, height: Height) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
-from hbbogie.errors import door, several
+from hbbogie.errors import ModelError, door, several
 from hbbogie.plot.appearance import (
     LINES,
     NEUTRAL,
@@ -43,23 +44,26 @@ def orbit(
     ----------
     orbits : Orbit or sequence of Orbit
     x : str
-        Coordinate of the horizontal axis; the first one where left out.
+        Coordinate or output of the horizontal axis; the first coordinate where left out.
     y : str
-        Coordinate of the vertical axis; the velocity of x where left out.
+        Coordinate or output of the vertical axis; the velocity of x where left out.
     ax : Axes
     labels : sequence of str
         One for each orbit.
     """
     many = _orbits(orbits)
     across, unit_x = coordinate_of(many[0], x)
+    if y is None and many[0].naming.is_output(across):
+        raise ModelError(
+            f"orbit: {across!r} is an output, whose rate is not known; give y=, such as y={many[0].coordinates[0]!r}."
+        )
     plain = many[0].naming.plain
     up, unit_y = coordinate_of(many[0], y) if y else (f"velocity of {across}", per_second(unit_x))
     curves = []
     for o in many:
         t = o.times()
-        u, v = o.q(t), o.v(t)
         curves.append(
-            on_cylinder(many, across, u[:, o.index(across)], u[:, o.index(y)] if y else v[:, o.index(across)])
+            on_cylinder(many, across, _values(o, across, t), _values(o, y, t) if y else o.v(t)[:, o.index(across)])
         )
         if y:
             curves[-1] = on_cylinder(many, y, *curves[-1][::-1])[::-1]
@@ -85,12 +89,13 @@ def waveform(
     ax: Axes | None = None,
     labels: Sequence[str] | None = None,
 ) -> Axes:
-    """Draw coordinates over one period in s; those with the first one's unit where left out.
+    """Draw coordinates or outputs over one period in s; coordinates with the first one's unit where left out.
 
     Parameters
     ----------
     orbits : Orbit or sequence of Orbit
     coordinates : str or sequence of str
+        Names of coordinates and outputs.
     ax : Axes
     labels : sequence of str
         One for each orbit.
@@ -99,7 +104,7 @@ def waveform(
     moves = []
     for o in many:
         t = o.times() if o.H else np.linspace(0.0, 1.0, 2)
-        moves.append((_name(o, many, labels), t, o.q(t)))
+        moves.append((_name(o, many, labels), t, partial(_values, o, t=t)))
     given, ax = ax, axes(ax)
     _over_time(many[0], moves, coordinates, ax, dresses(many))
     return finish(ax, given, _title(many))
@@ -121,9 +126,9 @@ def time_history(
     ax : Axes
     """
     given, ax = ax, axes(ax)
-    _over_time(
-        trajectory, [("", *decimated(trajectory.t, trajectory.q))], coordinates, ax, [{"lw": 0.9, "color": NEUTRAL[2]}]
-    )
+    t, q = decimated(trajectory.t, trajectory.q)
+    dress = [{"lw": 0.9, "color": NEUTRAL[2]}]
+    _over_time(trajectory, [("", t, lambda name: q[:, trajectory.index(name)])], coordinates, ax, dress)
     return finish(ax, given, title_of(trajectory))
 
 
@@ -141,7 +146,7 @@ def spectrum(
     ----------
     orbits : Orbit or sequence of Orbit
     coordinate : str
-        The first one where left out.
+        Coordinate or output; the first coordinate where left out.
     ax : Axes
     reference : bool
         Whether a line proportional to h^-4, the decay behind a gap, is drawn above the first orbit's.
@@ -177,18 +182,23 @@ def spectrum(
 # --- what the figures share ---------------------------------------------------------------------
 
 
+def _values(o: Orbit, name: str, t: Array) -> Array:
+    """Return a coordinate or an output at times t, shape (len(t),)."""
+    return o.output(name).at(t) if o.naming.is_output(name) else o.q(t)[:, o.index(name)]
+
+
 def _orbits(given: Orbit | Sequence[Orbit]) -> list[Orbit]:
     return several("nothing to draw", given, Orbit)
 
 
 def _over_time(
     source: Orbit | Trajectory,
-    moves: Sequence[tuple[str, Array, Array]],
+    moves: Sequence[tuple[str, Array, Callable[[str], Array]]],
     coordinates: str | Sequence[str] | None,
     ax: Axes,
     dress: Sequence[dict[str, Any]],
 ) -> None:
-    """Draw coordinates of motions (label, t, q), each dressed in its way; each unit is scaled for itself.
+    """Draw motions (label, t, values by name), each dressed in its way; each unit is scaled for itself.
 
     With several coordinates the colour tells the coordinate, and the line the motion.
     """
@@ -198,13 +208,13 @@ def _over_time(
     names = [coordinates] if isinstance(coordinates, str) else list(coordinates)
     units = {}
     for k, name in enumerate(names):
-        i, unit = source.index(name), coordinate_of(source, name)[1]
-        alike = [source.index(c) for c in names if coordinate_of(source, c)[1] == unit]
-        factor, units[name] = scale(unit, [q[:, alike] for _, _, q in moves], ax.get_ylabel())
-        for (label, t, q), look in zip(moves, dress, strict=True):
+        unit = coordinate_of(source, name)[1]
+        alike = [c for c in names if coordinate_of(source, c)[1] == unit]
+        factor, units[name] = scale(unit, [of(c) for _, _, of in moves for c in alike], ax.get_ylabel())
+        for (label, t, of), look in zip(moves, dress, strict=True):
             parts = [source.naming.plain(name)] * (len(names) > 1) + [label] * (label not in ("", "_"))
             own = {**look, "color": NEUTRAL[k % len(NEUTRAL)]} if len(names) > 1 else look
-            ax.plot(t, factor * q[:, i], label=", ".join(parts) or "_", **own)
+            ax.plot(t, factor * of(name), label=", ".join(parts) or "_", **own)
     groups = {u: ", ".join(n for n in names if units[n] == u) for u in units.values()}
     plain = source.naming.plain(names[0]) if len(names) == 1 else ""
     ax.set_xlabel("time t [s]")

@@ -15,3 +15,10 @@ from .profiles import read_wheel as read_wheel
 from .profiles import s1002 as s1002
 from .profiles import s1002_height as s1002_height
 from .profiles import uic60 as uic60
+from .quantities import derailment_quotient as derailment_quotient
+from .quantities import flange_climb_limit as flange_climb_limit
+from .quantities import frame_acceleration as frame_acceleration
+from .quantities import frame_acceleration_limit as frame_acceleration_limit
+from .quantities import guiding_forces as guiding_forces
+from .quantities import guiding_forces_limit as guiding_forces_limit
+from .quantities import hunting_limit_fra as hunting_limit_fra

@@ -10,6 +10,7 @@ import numpy as np
 from hbbogie.errors import ModelError
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results.signal import BAND, NUMBERS
 from hbbogie.units import label
 
 
@@ -49,6 +50,28 @@ def cycles_table(
     formats = ("d", *shown, *[".7g"] * (len(columns) - 1 - len(shown)), "", ".6g", "d", ".1e")
     columns += ["stability", "largest multiplier [1]", "highest harmonic", "waveform error [1]"]
     return Table(name, title, tuple(columns), tuple(rows), formats, tuple(reasons))
+
+
+def outputs_table(orbits: Sequence[Orbit], title: str = "Outputs", name: str = "outputs") -> Table:
+    """Return the table of the outputs of cycles: their numbers over the period, a row for each cycle and output.
+
+    Parameters
+    ----------
+    orbits : sequence of Orbit
+        Of one system that names outputs.
+    title, name : str
+    """
+    rows, notes = [], {}
+    for i, o in enumerate(orbits):
+        for own in o.outputs.values():
+            numbers = [own.number(quantity) for quantity in NUMBERS]
+            about = [own.rms_about()] if o.frequency > BAND / own.highest else []
+            kept = [0.0 if abs(x) < 1e-9 * own.peak else x for x in (*numbers, *about)]  # not zero to round-off
+            rows.append((own.name, own.unit or "1", i + 1, *kept, *([] if about else [None])))
+            if own.description:
+                notes[own.name] = f"{own.name}: {own.description}."
+    columns = ("output", "unit", "cycle", *NUMBERS, f"rms within {BAND:g} Hz of the frequency")
+    return Table(name, title, columns, tuple(rows), ("", "", "d", *[".6g"] * 6), tuple(notes.values()))
 
 
 def special_table(

@@ -20,6 +20,7 @@ from hbbogie.reports.cycle_tables import (
     branches_table,
     cycles_table,
     family_value,
+    outputs_table,
     special_table,
 )
 from hbbogie.reports.figures import cycle_figures, diagram_figures, linear, moves_along
@@ -149,7 +150,8 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
         return Report(system.name, notes=(text, *notes), data=data)
     table = cycles_table(cycles, f"{system.name}: cycles at {at}", moves=moves)
     saved = {f"cycle_{i + 1}": Branch((o,), parameter) for i, o in enumerate(cycles)}
-    tables = (table, *([_by_hill(system, cycles)] if hill else []))
+    outputs = [outputs_table(cycles, f"{system.name}: outputs of the cycles")] if system.output_names else []
+    tables = (table, *outputs, *([_by_hill(system, cycles)] if hill else []))
     return Report(system.name, tables, saved, cycle_figures(cycles, system), notes, data)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from hbbogie.units import label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MOST = 9  # outputs that a page has room for
 PANELS = 3  # cycles that a page has room for
 Figures = dict[str, "Callable[[], Figure]"]
 
@@ -48,6 +49,8 @@ def diagram_figures(system: System, found: Diagram) -> Figures:
             about["labels"] = [f"{name}: {moves[name]}" for name in found.branches]
         figures["amplitude"] = partial(draw, "branch", many, y=q, **about)
         figures["frequency"] = partial(draw, "frequency", many, **about)
+        if system.output_names:
+            figures["outputs"] = partial(_outputs, many, system.output_names[:MOST], **about)
     for name, b in found.branches.items():
         if any(o.stability for o in b.orbits):
             figures[f"{name}_multipliers"] = partial(draw, "multipliers_along", b, parameter_label=across)
@@ -65,9 +68,12 @@ def cycle_figures(cycles: list[Orbit], system: System) -> Figures:
     """Return the figures of cycles at one value: phase portrait, waveform, spectrum, multipliers."""
     figures: Figures = {
         "phase_portrait": partial(draw, "orbit", cycles),
-        "waveform": partial(_waveforms, cycles),
+        "waveform": partial(_waveforms, cycles, dict(zip(system.coordinate_names, cycles[0].units, strict=True))),
         "spectrum": partial(draw, "spectrum", cycles, system.coordinate_names[0]),
     }
+    if system.output_names:
+        units = {name: system.naming.units.get(name, "1") for name in system.output_names}
+        figures["output_waveform"] = partial(_waveforms, cycles, units)
     if any(o.stability is not None and len(o.stability.multipliers) for o in cycles):
         figures["multipliers"] = partial(_multipliers, cycles)
     return figures
@@ -80,16 +86,33 @@ def _told(cycles: Sequence[Orbit]) -> list[tuple[str, Orbit]]:
     return list(zip(words, cycles, strict=True))[first:]
 
 
-def _waveforms(cycles: Sequence[Orbit]) -> Figure:
-    """Draw one period of every coordinate: a row for each cycle, a panel for each unit."""
+def _outputs(branches: Sequence[Branch], names: Sequence[str], **about: Any) -> Figure:
+    """Draw the peak of each output over the parameter, a panel each."""
     from hbbogie import plot
 
-    units = list(dict.fromkeys(cycles[0].units))
+    columns = min(3, len(names))
+    figure, grid = plot.panels(
+        -(-len(names) // columns), columns, title=plot.title_of(branches[0][0], branches[0].parameter)
+    )
+    places = [ax for row in grid for ax in row]
+    for ax, name in zip(places, names, strict=False):
+        plot.branch(branches, y=name, ax=ax, **about).set_title(name, fontsize=10)
+        ax.set_ylabel(ax.get_ylabel().replace(name, "").replace("  ", " "))
+    for ax in places[len(names) :]:
+        ax.set_axis_off()
+    return plot.one_legend(figure)
+
+
+def _waveforms(cycles: Sequence[Orbit], named_units: Mapping[str, str]) -> Figure:
+    """Draw one period of what is named, each in its unit: a row for each cycle, a panel for each unit."""
+    from hbbogie import plot
+
+    units = list(dict.fromkeys(named_units.values()))
     shown = _told(cycles)
     figure, grid = plot.panels(len(shown), len(units), title=plot.title_of(cycles[0]))
     for row, (words, o) in zip(grid, shown, strict=True):
         for ax, unit in zip(row, units, strict=True):
-            plot.waveform(o, [c for c, u in zip(o.coordinates, o.units, strict=True) if u == unit], ax=ax)
+            plot.waveform(o, [name for name, u in named_units.items() if u == unit], ax=ax)
             ax.set_title(words, fontsize=10)
     return plot.one_legend(figure)
 
@@ -146,8 +169,8 @@ def plot_branch(saved: Branch, path: Path, coordinate: str | None = None, quanti
     path : Path
         Of the figure.
     coordinate : str, optional
-        The first one where left out.
-    quantity : {"peak", "first harmonic"}
+        Or output; the first coordinate where left out.
+    quantity : {"peak", "first harmonic", "half peak to peak", "mean", "rms"}
     """
     from hbbogie import plot
 

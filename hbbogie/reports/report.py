@@ -117,7 +117,7 @@ class Report:
 def _branch_dict(b: Branch) -> dict[str, Any]:
     keep = ("kind", "parameter", "value", "interval", "omega", "criticality", "status")
     special = [{name: getattr(s, name) for name in keep} for s in b.special]
-    peaks = {c: b.amplitude(c) for c in b.orbits[0].coordinates}
+    peaks = {c: b.amplitude(c) for c in (*b.orbits[0].coordinates, *b.orbits[0].outputs)}
     content = {"parameter": b.parameter, "values": b.values, "omega_rad_s": b.omega, "amplitude": peaks}
     return plain({**content, "stability": b.verdicts, "special": special, "ends": b.ends})  # type: ignore[no-any-return]
 

@@ -182,6 +182,11 @@ def _sensitivity(data: xr.Dataset, figure: dict[str, Any], k: int) -> tuple[list
     rows = tuple((n, *map(float, v)) for n, *v in zip(found.names, *parts, strict=True))
     left_out = f"{found.dropped} left out because a point of theirs has no finite value"
     note = f"{found.used} base points; {left_out}. Errors: 95 %."
+    if found.unsettled:
+        note += (
+            f" Too few points to tell: of {', '.join(found.unsettled)} the interval is larger than the index; four "
+            "times as many halve it."
+        )
     columns = ("input", "first order [1]", "+- first", "total [1]", "+- total")
     title = f"Sobol indices of {figure['output']}"
     table = Table(f"{k}_sensitivity", title, columns, rows, ("", *[".4f"] * 4), (note,))

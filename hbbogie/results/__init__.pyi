@@ -15,12 +15,14 @@ from .equilibria import HopfPoints as HopfPoints
 from .failure import ConvergenceError as ConvergenceError
 from .hysteresis import Hysteresis as Hysteresis
 from .hysteresis import Passage as Passage
+from .limit_line import LimitLine as LimitLine
 from .linear_phases import LinearPhases as LinearPhases
 from .naming import Naming as Naming
 from .orbit import Orbit as Orbit
 from .periodic import FourierSeries as FourierSeries
 from .periodic import PeriodicMotion as PeriodicMotion
 from .piecewise import PiecewisePolynomial as PiecewisePolynomial
+from .signal import Signal as Signal
 from .sketch import Shape as Shape
 from .stability import Stability as Stability
 from .trajectory import Trajectory as Trajectory

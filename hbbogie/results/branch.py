@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hbbogie.brief import lines
 from hbbogie.results.ending import Ending
+from hbbogie.results.measuring import resting
 from hbbogie.results.netcdf import read, write
 from hbbogie.results.orbit import NOT_RESOLVED, Orbit, unpack
 from hbbogie.results.pictures import draw, page
@@ -26,7 +27,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 MARKS = 6  # special points shown at most
-TAKEN = {"coordinate", "parameter", "point", "special", "onward", "row"}  # names of a dataset beside its variables
+TAKEN = {
+    "coordinate",
+    "parameter",
+    "output",
+    "point",
+    "sample",
+    "special",
+    "onward",
+    "row",
+}  # names of a dataset beside its variables
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +225,9 @@ class Branch:
 
         data, unit = pack(self.orbits, "point"), {"units": self.unit or "1"}
         if self.special:
-            data |= pack([s.orbit for s in self.special], "special", prefix="special_")
+            data |= pack(
+                [resting(s.orbit) if s.kind == "hopf" else s.orbit for s in self.special], "special", prefix="special_"
+            )
             data["special_kind"] = ("special", np.array([s.kind for s in self.special], dtype=str))
             data["special_status"] = ("special", np.array([s.status for s in self.special], dtype=str))
             data["special_criticality"] = ("special", np.array([s.criticality for s in self.special], dtype=str))
@@ -235,8 +247,9 @@ class Branch:
     def to_dataframe(self) -> pd.DataFrame:
         """Return a table of the points, a row each, with the parameter as index.
 
-        Its columns are frequency, period, peak and first harmonic of every coordinate, verdict, modulus of the largest
-        multiplier, highest harmonic, residual and method. ``attrs["units"]`` holds the unit of each by its name.
+        Its columns are frequency, period, peak and first harmonic of every coordinate, peak and rms of every output,
+        verdict, modulus of the largest multiplier, highest harmonic, residual and method. ``attrs["units"]`` holds the
+        unit of each by its name.
         """
         import pandas as pd
 
@@ -248,6 +261,10 @@ class Branch:
         for c, unit in zip(first.coordinates, first.units, strict=True):
             columns[f"peak {c}"] = unit or "1", self.amplitude(c)
             columns[f"first harmonic {c}"] = unit or "1", self.first_harmonic(c)
+        for name in first.outputs:
+            unit = first.naming.units.get(name, "1")
+            columns[f"peak {name}"] = unit, self.amplitude(name)
+            columns[f"rms {name}"] = unit, [o.rms(name) for o in self.orbits]
         columns["stability"] = "", list(self.verdicts)
         columns["largest multiplier"] = "1", [o.largest_multiplier for o in self.orbits]
         columns["highest harmonic"] = "1", [o.kept for o in self.orbits]

@@ -1,26 +1,43 @@
-"""What the names of coordinates and parameters stand for."""
+"""What the names of coordinates, parameters and outputs stand for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.units import label
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Naming:
-    """Units and descriptions of coordinates and parameters, by their names; what is not known is left out.
+    """Units and descriptions of coordinates, parameters and outputs, by their names; what is not known is left out.
 
     Attributes
     ----------
     units : dict of str
     descriptions : dict of str
         What each is, such as "front wheelset, lateral".
+    outputs : tuple of str
+        Names of the outputs of the system.
+    measure : callable or None
+        What the outputs stand for: (q, v, p) -> their values, shapes (N, n), (N, n), (number of parameters,) and (N,
+        number of outputs). None in results read from files, which hold the values.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     descriptions: Mapping[str, str] = field(default_factory=dict)
+    outputs: tuple[str, ...] = ()
+    measure: Callable[[Array, Array, Array], Array] | None = field(default=None, repr=False, compare=False)
+
+    def is_output(self, name: Any) -> bool:
+        """Tell whether a name is that of an output."""
+        return isinstance(name, str) and name in self.outputs
 
     def plain(self, name: str) -> str:
         """Return a name behind its description, such as "speed V"."""

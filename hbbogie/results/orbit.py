@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.brief import lines
 from hbbogie.errors import named
+from hbbogie.results.measuring import measured, measured_as
 from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.netcdf import read, write
 from hbbogie.results.periodic import FourierSeries, PeriodicMotion, series_of
 from hbbogie.results.pictures import draw, page
+from hbbogie.results.signal import Signal, or_output
 from hbbogie.results.stability import Stability
-from hbbogie.results.stored import labels_of, names_of, pack, unpack_motions, unpack_verdict
+from hbbogie.results.stored import fields_of, labels_of, pack
 from hbbogie.units import per_second, readable
 
 if TYPE_CHECKING:
@@ -64,10 +66,12 @@ class Orbit:
         Error estimates from shooting: "omega" [rad/s], "waveform" (largest distance relative to the peak), and the
         error of each coordinate's peak by its name [its unit]. None where they were not asked for or not found.
     naming : Naming
-        Units and descriptions of coordinates and parameters, as far as they are known.
+        Units and descriptions of coordinates, parameters and outputs, as far as they are known.
     advance : tuple of float, unit of the coordinate
         By how much each coordinate has grown after a period: whole turns of those that run on, 0 of the others. Empty
         where none runs on.
+    recorded : mapping of Signal, or None
+        The outputs by name, in an orbit read from a file; at a Hopf point, those of the equilibrium.
     """
 
     system: str
@@ -83,6 +87,7 @@ class Orbit:
     errors: dict[str, float] | None = None
     naming: Naming = NAMELESS
     advance: tuple[float, ...] = ()
+    recorded: Mapping[str, Signal] | None = None
 
     def __post_init__(self) -> None:
         if not hasattr(self.motion, "at"):  # Fourier coefficients
@@ -126,6 +131,15 @@ class Orbit:
         name = named(f"orbit of {self.system!r}", "coordinate", coordinate, self.coordinates)
         return self.coordinates.index(name)
 
+    @cached_property
+    def outputs(self) -> Mapping[str, Signal]:
+        """The outputs that the system names, by name, measured along the orbit; none where it names none."""
+        return measured(self) if self.recorded is None else self.recorded
+
+    def output(self, name: str) -> Signal:
+        """Return an output of the system along the orbit, by its name."""
+        return measured_as(self, named(f"orbit of {self.system!r}", "output", name, self.naming.outputs))
+
     @property
     def extremes(self) -> tuple[Array, Array]:
         """Smallest and largest value of each coordinate over the period, each of shape (n,) [its unit]."""
@@ -149,27 +163,39 @@ class Orbit:
         """Return the mean velocity of a coordinate [its unit/s]: 0 unless it runs on."""
         return self.advance[self.index(coordinate)] / self.period if self.advance else 0.0
 
+    @or_output("peak")
     def amplitude(self, coordinate: str) -> float:
-        """Return the peak, the largest absolute value over the period, of a coordinate [its unit]."""
+        """Return the peak, the largest absolute value over the period, of a coordinate or output [its unit]."""
         i = self.index(coordinate)
         low, high = self.extremes
         return float(max(-low[i], high[i]))
 
+    @or_output("half peak to peak")
+    def half_peak_to_peak(self, coordinate: str) -> float:
+        """Return half the distance from the smallest to the largest value of a coordinate or output [its unit]."""
+        low, high = self.extremes
+        return float(high[self.index(coordinate)] - low[self.index(coordinate)]) / 2
+
+    @or_output("mean")
     def mean(self, coordinate: str) -> float:
-        """Return the mean of a coordinate over the period [its unit]."""
+        """Return the mean of a coordinate or output over the period [its unit]."""
         return float(self.motion.mean()[self.index(coordinate)])
 
+    @or_output("rms")
     def rms(self, coordinate: str) -> float:
-        """Return the root mean square of a coordinate over the period [its unit]."""
+        """Return the root mean square of a coordinate or output over the period [its unit]."""
         i = self.index(coordinate)
         return float(np.sqrt(max(self.motion.rms()[i] ** 2 - self.free_mean[i] ** 2, 0.0)))
 
+    @or_output("first harmonic")
     def first_harmonic(self, coordinate: str) -> float:
-        """Return the amplitude of the first harmonic of a coordinate [its unit]; 0 for an equilibrium."""
+        """Return the amplitude of the first harmonic of a coordinate or output [its unit]; 0 for an equilibrium."""
         return float(np.hypot(*self.coefficients[1:3, self.index(coordinate)])) if self.H else 0.0
 
     def spectrum(self, coordinate: str) -> Array:
-        """Return the amplitude of each harmonic 0 ... H of a coordinate, shape (H + 1,) [its unit]."""
+        """Return the amplitude of each harmonic 0 ... H of a coordinate or output, shape (H + 1,) [its unit]."""
+        if self.naming.is_output(coordinate):
+            return self.output(coordinate).spectrum[: self.H + 1]
         c = self.about_mean(self.coefficients)[:, self.index(coordinate)]
         return np.r_[abs(c[0]), np.hypot(c[1::2], c[2::2])]
 
@@ -220,7 +246,8 @@ class Orbit:
         """
         if "coefficients" in changes:
             changes["motion"] = series_of(changes.pop("coefficients"))
-        return replace(self, **changes)
+        moved = changes.keys() & {"motion", "omega", "parameters", "naming"}
+        return replace(self, **({"recorded": None} if moved else {}) | changes)
 
     @property
     def largest_multiplier(self) -> float | None:
@@ -312,29 +339,4 @@ class Orbit:
 
 def unpack(data: xr.Dataset, prefix: str = "") -> list[Orbit]:
     """Return the orbits that `pack` put into a dataset."""
-    get = {name: data[prefix + name].values for name in ("omega", "parameters")}
-    motions = unpack_motions(data, prefix)
-    advance = data[prefix + "advance"].values if prefix + "advance" in data else np.zeros((len(get["omega"]), 1))
-    coordinates = tuple(str(c) for c in data["coordinate"].values)
-    names = [str(p) for p in data["parameter"].values]
-    units, naming = names_of(data)
-    orbits = []
-    for i in range(len(get["omega"])):
-        orbits.append(
-            Orbit(
-                system=str(data.attrs["system"]),
-                coordinates=coordinates,
-                units=units,
-                motion=motions[i],
-                omega=float(get["omega"][i]),
-                parameters=dict(zip(names, map(float, get["parameters"][i]), strict=True)),
-                method=str(data[prefix + "method"].values[i]),
-                residual=float(data[prefix + "residual"].values[i]),
-                status=str(data[prefix + "status"].values[i]),
-                stability=unpack_verdict(data, prefix, i),
-                errors=json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
-                naming=naming,
-                advance=tuple(map(float, advance[i])) if advance[i].any() else (),
-            )
-        )
-    return orbits
+    return [Orbit(**fields) for fields in fields_of(data, prefix)]

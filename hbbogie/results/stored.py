@@ -15,6 +15,7 @@ from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.netcdf import _pack_complex, _unpack_complex
 from hbbogie.results.periodic import FourierSeries, PeriodicMotion
 from hbbogie.results.piecewise import PiecewisePolynomial
+from hbbogie.results.signal import pack_signals, unpack_signals
 from hbbogie.results.stability import Stability
 
 if TYPE_CHECKING:
@@ -50,7 +51,39 @@ def pack(orbits: Sequence[Orbit], dimension: str, prefix: str = "") -> dict[str,
         grown = [o.advance or (0.0,) * len(o.coordinates) for o in orbits]
         data["advance"] = ((dimension, "coordinate"), grown, own | {"long_name": "growth in a period"})
     data |= pack_verdicts([o.stability for o in orbits], dimension, prefix)
+    data |= pack_signals([o.outputs for o in orbits], dimension, prefix + "output_row")
     return {prefix + name: value for name, value in data.items()}
+
+
+def fields_of(data: xr.Dataset, prefix: str = "") -> list[dict[str, Any]]:
+    """Return the fields of the found that `pack` put into a dataset."""
+    get = {name: data[prefix + name].values for name in ("omega", "parameters")}
+    motions = unpack_motions(data, prefix)
+    advance = data[prefix + "advance"].values if prefix + "advance" in data else np.zeros((len(get["omega"]), 1))
+    coordinates = tuple(str(c) for c in data["coordinate"].values)
+    names = [str(p) for p in data["parameter"].values]
+    units, naming = names_of(data)
+    found = []
+    for i in range(len(get["omega"])):
+        found.append(
+            dict(
+                system=str(data.attrs["system"]),
+                coordinates=coordinates,
+                units=units,
+                motion=motions[i],
+                omega=float(get["omega"][i]),
+                parameters=dict(zip(names, map(float, get["parameters"][i]), strict=True)),
+                method=str(data[prefix + "method"].values[i]),
+                residual=float(data[prefix + "residual"].values[i]),
+                status=str(data[prefix + "status"].values[i]),
+                stability=unpack_verdict(data, prefix, i),
+                errors=json.loads(str(data[prefix + "errors"].values[i])) if prefix + "errors" in data else None,
+                naming=naming,
+                advance=tuple(map(float, advance[i])) if advance[i].any() else (),
+                recorded=unpack_signals(data, prefix, i, float(get["omega"][i])),
+            )
+        )
+    return found
 
 
 def pack_motions(
@@ -157,19 +190,23 @@ def names_of(data: xr.Dataset) -> tuple[tuple[str, ...], Naming]:
         units = tuple(json.loads(data.attrs["units"]))
         return units, NAMELESS
     found: dict[str, dict[str, str]] = {"unit": {}, "description": {}}
-    for kind in ("coordinate", "parameter"):
+    outputs = tuple(map(str, data["output"].values)) if "output" in data.coords else ()
+    for kind in ("coordinate", "parameter", *(["output"] if outputs else [])):
         for what, texts in found.items():
             texts |= zip(map(str, data[kind].values), map(str, data[f"{kind}_{what}"].values), strict=True)
     units = tuple(found["unit"][str(c)] for c in data["coordinate"].values)
     known = [{name: text for name, text in texts.items() if text} for texts in found.values()]
-    return units, Naming(*known)
+    return units, Naming(known[0], known[1], outputs)
 
 
 def labels_of(orbit: Orbit) -> dict[str, Any]:
     """Return the labels of the dimensions of a dataset of orbits: names, units and descriptions."""
     units = {**orbit.naming.units, **dict(zip(orbit.coordinates, orbit.units, strict=True))}
     labels: dict[str, Any] = {}
-    for kind, names in (("coordinate", orbit.coordinates), ("parameter", tuple(orbit.parameters))):
+    kinds = {"coordinate": orbit.coordinates, "parameter": tuple(orbit.parameters)}
+    if orbit.outputs:
+        kinds["output"] = tuple(orbit.outputs)
+    for kind, names in kinds.items():
         labels[kind] = list(names)
         for what, texts in (("unit", units), ("description", orbit.naming.descriptions)):
             labels[f"{kind}_{what}"] = (kind, np.array([texts.get(n, "") for n in names], dtype=str))

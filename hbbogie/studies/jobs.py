@@ -23,6 +23,7 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.problem import load_problem
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
+from hbbogie.results import Orbit
 from hbbogie.studies.critical_job import Harmonics, Interval, Outputs, critical_of_many, smallest_critical
 
 __all__ = ["JOBS", "Outputs", "branch", "compare", "cycles", "job_function", "output_units", "smallest_critical"]
@@ -46,14 +47,15 @@ def cycles(
     Returns
     -------
     dict
-        ``cycles``, their number; of cycle k = 1, 2, ... ``omega_k`` [rad/s], ``peak_<coordinate>_k`` and
-        ``stability_k``; ``evidence``, what was searched (see `find_cycles`).
+        ``cycles``, their number; of cycle k = 1, 2, ... ``omega_k`` [rad/s], ``peak_<coordinate>_k``,
+        ``peak_<output>_k``, ``rms_<output>_k`` (with " over " for a slash in its name) and ``stability_k``;
+        ``evidence``, what was searched (see `find_cycles`).
     """
     found = find_cycles(system, parameter=parameter, interval=interval, harmonics=harmonics)
     outputs: Outputs = {"cycles": len(found)}
     for k, orbit in enumerate(found, 1):
         outputs[f"omega_{k}"] = orbit.omega
-        outputs |= {f"peak_{c}_{k}": orbit.amplitude(c) for c in orbit.coordinates}
+        outputs |= _numbers(orbit, str(k))
         outputs[f"stability_{k}"] = orbit.stability.verdict if orbit.stability else "unknown"
     outputs["evidence"] = "; ".join(found.evidence)
     return outputs | {"status": f"{len(found)} cycle{'s' * (len(found) != 1)} found"}
@@ -82,7 +84,8 @@ def branch(
     -------
     dict
         ``hopf``, ``folds``, ``fold_1``, ...; ``lowest`` and ``highest`` value on the branch, ``points``; and
-        ``omega_at_<value>`` and ``peak_<coordinate>_at_<value>`` where there is a cycle.
+        ``omega_at_<value>``, ``peak_<coordinate>_at_<value>``, ``peak_<output>_at_<value>`` and
+        ``rms_<output>_at_<value>`` where there is a cycle.
     """
     span = interval or default_reach(system, parameter)
     points = hopf_points(system, parameter, span)
@@ -98,8 +101,22 @@ def branch(
         if orbits:
             largest = max(orbits, key=lambda o: float(np.linalg.norm(o.coefficients[1:])))
             outputs[f"omega_at_{value:g}"] = largest.omega
-            outputs |= {f"peak_{c}_at_{value:g}": largest.amplitude(c) for c in largest.coordinates}
+            outputs |= _numbers(largest, f"at_{value:g}")
     return outputs | {"status": f"branch from the Hopf point at {points[0].value:.6g}: {traced.ends[1]}"}
+
+
+def _numbers(orbit: Orbit, which: str) -> Outputs:
+    """Return the peaks of coordinates and outputs of a cycle, and the rms of outputs, as outputs of a job."""
+    peaks: Outputs = {f"peak_{name}_{which}": orbit.amplitude(name) for name in orbit.coordinates}
+    for name in orbit.outputs:
+        own = _stored(name)
+        peaks |= {f"peak_{own}_{which}": orbit.amplitude(name), f"rms_{own}_{which}": orbit.rms(name)}
+    return peaks
+
+
+def _stored(output: str) -> str:
+    """Return the name of a system's output as NetCDF can hold it: "Y over Q" for "Y/Q"."""
+    return output.replace("/", " over ")
 
 
 def compare(
@@ -212,6 +229,9 @@ def output_units(
 
 def _unit(name: str, system: System, unit: str) -> str:
     """Return the unit of an output of the jobs of this module, by its name."""
+    for own in system.output_names:
+        if name.startswith((f"peak_{_stored(own)}_", f"rms_{_stored(own)}_")):
+            return system.naming.units.get(own, "")
     head, _, tail = name.partition("_d")
     if head in ("dfold", "dhopf") and tail in system.parameter_names:
         return f"({unit or '1'})/({system.parameter(tail).unit or '1'})"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
+NEGLIGIBLE = 0.05  # a confidence interval of a Sobol index up to this is good enough
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,13 @@ class Indices:
     dropped: int
 
     __repr__ = brief
+
+    @property
+    def unsettled(self) -> tuple[str, ...]:
+        """Names of the inputs whose confidence interval is wider than an index of theirs that matters."""
+        pairs = [(self.first, self.first_error), (self.total, self.total_error)]
+        wide = [(error > np.abs(index)) & (error > NEGLIGIBLE) for index, error in pairs]
+        return tuple(name for name, *found in zip(self.names, *wide, strict=True) if any(found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +191,8 @@ def sobol_indices(data: xr.Dataset, output: str, confidence: float = 0.95, seed:
     y = blocks[whole].ravel()
     if np.ptp(y) == 0:
         raise ModelError(f"sensitivity of {output!r}: it does not vary.")
-    found = analyser.analyze(problem, y, calc_second_order=False, conf_level=confidence, seed=seed)
+    seeded = {"conf_level": confidence, "seed": seed + 1}  # 0 would be no seed
+    found = analyser.analyze(problem, y, calc_second_order=False, **seeded)
     first, total, first_error, total_error = (np.asarray(found[key]) for key in ("S1", "ST", "S1_conf", "ST_conf"))
     used = int(np.count_nonzero(whole))
     return Indices(tuple(names), first, total, first_error, total_error, used, len(whole) - used)

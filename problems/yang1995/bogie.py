@@ -18,8 +18,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hbbogie import Coordinate, Element, Parameter, System
+from hbbogie import Coordinate, Element, Output, Parameter, System
 from hbbogie.model import DeadBand
+from hbbogie.railway import frame_acceleration, guiding_forces
 
 
 def bogie(gravity: bool = False, **parameters: float) -> System:
@@ -88,6 +89,16 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
         creep = 2 * f11 * a * (a * psi.dot / V + lam * y / r0) - 2 * f23 * (y.dot / V - psi) + 2 * f33 * psi.dot / V
         return creep - kg * W * a * lam * psi if gravity else creep
 
+    def sliding(y: Coordinate, psi: Coordinate) -> object:
+        """Power that sliding and spinning dissipate in both contacts of a wheelset [W]."""
+        xi, eta, spin = a * psi.dot / V + lam * y / r0, y.dot / V - psi, psi.dot / V
+        return V * (2 * f11 * xi**2 + 2 * f22 * eta**2 + 2 * f33 * spin**2)
+
+    def pull(y: Coordinate, psi: Coordinate) -> object:
+        """Longitudinal force that a wheelset needs to go on at V [N]; T without the gravity stiffness."""
+        xi, eta, spin = a * psi.dot / V + lam * y / r0, y.dot / V - psi, psi.dot / V
+        return 2 * f11 * xi * lam * y / r0 - (2 * f22 * eta + 2 * f23 * spin) * psi
+
     A1 = 2 * K1 * (q1 - q5 - b * q6 - h1 * q7)
     A2 = 2 * K1 * (q3 - q5 + b * q6 - h1 * q7)
     A3 = 2 * K2 * d1**2 * (q2 - q6)
@@ -104,6 +115,18 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
         Ify * q6.ddot - b * A1 + b * A2 - A3 - A4 + A6,
         Ifr * q7.ddot - h1 * A1 - h1 * A2 - h2 * A5 + A7,
     ]
+    outputs = [
+        Output("front flange force", front, "N", "without the creep forces"),
+        Output("rear flange force", rear, "N", "without the creep forces"),
+        guiding_forces("front guiding forces", T(q1, q2), front),
+        guiding_forces("rear guiding forces", T(q3, q4), rear),
+        Output("frame lateral acceleration", q5.ddot, "m/s2", "at the centre of the frame"),
+        frame_acceleration("frame acceleration, front", q5, q6, b),
+        frame_acceleration("frame acceleration, rear", q5, q6, -b),
+        Output("damper power", 2 * D2 * (q5.dot - h2 * q7.dot) ** 2 + 2 * D1 * d2**2 * q7.dot**2, "W", "dissipated"),
+        Output("creep power", sliding(q1, q2) + sliding(q3, q4), "W", "dissipated by sliding in all four contacts"),
+        Output("power of the forward motion", V * (pull(q1, q2) + pull(q3, q4)), "W", "that keeps the hunting going"),
+    ]
     creep = [f11, f22, f23, f33, *([kg] if gravity else [])]
     system = System(
         "Yang's bogie",
@@ -112,6 +135,7 @@ def bogie(gravity: bool = False, **parameters: float) -> System:
         equations,
         [front, rear],
         description="railway bogie with flange contact, Yang (1995)",
+        outputs=outputs,
     )
     return system.with_parameters(**parameters)
 

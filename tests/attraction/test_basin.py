@@ -222,7 +222,7 @@ def call(*args):
 
 
 def test_command(tmp_path):
-    result = call("bautin", "--values", 3, "--amplitudes", 4, "--workers", 1, "--output", tmp_path)
+    result = call("bautin", "--points", 3, "--amplitudes", 4, "--workers", 1, "--output", tmp_path)
     assert result.exit_code == 0, result.output
     names = {file.name for file in tmp_path.iterdir()}
     assert names == {"basin.csv", "basin_motions.csv", "basin.nc", "basin.png"}
@@ -236,7 +236,7 @@ def test_command(tmp_path):
         (("yang1995", "--along", "q1"), "write NAME=VALUE"),
         (("yang1995", "--range", 92, 88), "low < high"),
         (("yang1995", "--workers", 0), "workers: got 0"),
-        (("yang1995", "--values", 0), "number of parameter values: got 0"),
+        (("yang1995", "--points", 0), "number of parameter values: got 0"),
         (("duffing",), "no unstable cycle was found"),
     ],
 )

@@ -288,3 +288,17 @@ def test_every_shipped_study_is_sound():
     }
     for path in shipped_studies().values():
         assert load_study(path).figures
+
+
+def test_status_finds_the_only_store_of_a_study(tmp_path):
+    """That of --points N where there is no other; of several it asks which."""
+    path = write_study(tmp_path)
+    result = call("run", path, "--workers", 0, "--points", 10)
+    assert result.exit_code == 0, result.output
+    made = json.loads(call("status", path, "--json").stdout)["data"]["total"]
+    assert made == json.loads(call("status", path, "--points", 10, "--json").stdout)["data"]["total"]
+    if made != 10:
+        assert f"--points 10 makes {made} points" in result.stderr and f"makes {made} points" in result.stdout
+    Path("products-11.db").write_bytes(b"")
+    refused = call("status", path)
+    assert refused.exit_code == 2 and "say which by --points N" in " ".join(refused.stderr.split())

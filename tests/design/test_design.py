@@ -20,6 +20,7 @@ from hbbogie.design import (
     Expression,
     Limit,
     Peak,
+    RootMeanSquare,
     Sample,
     cost_of_change,
     design_point,
@@ -190,6 +191,8 @@ def test_wrong_input():
         Peak("x")
     with pytest.raises(hb.ModelError, match="positive share"):
         Peak("x", overspeed=0.0)
+    with pytest.raises(hb.ModelError, match="give either at="):
+        RootMeanSquare("x", at=1.0, overspeed=0.1)
     with pytest.raises(hb.ModelError, match="lower <= upper"):
         Limit(CriticalValue(), lower=1.0, upper=0.0)
     point = design_point(system, "mu", (-0.9, 0.5), 3)
@@ -213,6 +216,9 @@ JUDGES = (
     Peak("q1", overspeed=0.1),
     Peak("q3", at=100.0),
     Peak("front flange", overspeed=0.1),
+    Peak("frame lateral acceleration", at=100.0),
+    RootMeanSquare("frame lateral acceleration", overspeed=0.1),
+    RootMeanSquare("q1", at=100.0),
 )
 
 

@@ -85,7 +85,7 @@ def test_what_does_not_move(cycle, tmp_path):
 
 def test_command(tmp_path):
     target, call = tmp_path / "vdp.gif", CliRunner().invoke
-    found = call(app, ["animate", "van_der_pol", "--file", str(target), "--frames", "3"])
+    found = call(app, ["animate", "van_der_pol", "--output", str(target), "--frames", "3"])
     assert found.exit_code == 0 and "one period of the cycle of" in found.output and target.stat().st_size > 1000
-    refused = call(app, ["animate", "van_der_pol", "--file", str(target), "--cycle", "2"])
+    refused = call(app, ["animate", "van_der_pol", "--output", str(target), "--cycle", "2"])
     assert refused.exit_code == 2 and "give another number" in refused.output

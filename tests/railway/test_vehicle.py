@@ -20,6 +20,11 @@ CASES = {
     "lam=0.3": {"lam": 0.3},
     "half_creep": {"f11": 4.7e6, "f22": 4.35e6},
 }
+OUTPUTS = {  # of the vehicle, in the order of the known root mean squares
+    "acc_cg": [f"{where} frame acceleration" for where in ("front", "rear")],
+    "acc_outer": [f"{where} frame acceleration, outer" for where in ("front", "rear")],
+    "sumY": [f"guiding forces {k}" for k in (1, 2, 3, 4)],
+}
 MADE = {"she": {}, "linear": {"creep": "linear"}, "series": {"yaw_dampers": "series"}}
 
 
@@ -129,6 +134,8 @@ def assert_known(kind, start, known):
     if kind != "series":  # whose states are more
         for found, name in zip(measures(system, checked.orbit), ("acc_cg", "acc_outer", "sumY"), strict=True):
             assert found == pytest.approx(known[name], rel=1e-6)
+    for key, names in OUTPUTS.items():
+        assert [checked.orbit.rms(name) for name in names] == pytest.approx(known[key], rel=1e-6)
 
 
 def test_front_bogie_hunts():
