@@ -107,8 +107,34 @@ def basin_of(
         *scan.notes,
     )
     data = {"parameters": scan.parameters, "parameter": parameter, "direction": scan.direction, "counts": counts}
-    report = Report(system.name, (basin_table(scan),), {}, figures, notes, data, (motions_table(scan),))
+    report = Report(
+        f"{system.name}: how motions end",
+        (basin_table(scan),),
+        {},
+        figures,
+        notes,
+        data,
+        (motions_table(scan),),
+        summary=_sentences(scan, system, counts),
+        about=(f"Motions over {parameter} from {values[0]:.5g} to {values[-1]:.5g}; {scan.direction}.",),
+    )
     return report, scan
+
+
+def _sentences(scan: Basin, system: System, counts: dict[str, int]) -> tuple[str, ...]:
+    """Return how many motions end how, and where a disturbance decides."""
+    undecided = f", {counts['undecided']} are undecided" if counts["undecided"] else ""
+    said = [
+        f"Of {scan.outcome.size} motions {counts['rest']} come to rest and {counts['cycle']} end on a cycle{undecided}."
+    ]
+    both = [float(v) for i, v in enumerate(scan.values) if {"rest", "cycle"} <= set(map(str, scan.outcome[i]))]
+    unit = "" if scan.parameter_unit in ("", "1") else f" {scan.parameter_unit}"
+    if both:
+        said.append(
+            f"Between {scan.parameter} = {min(both):.4g} and {max(both):.4g}{unit} the disturbance decides: "
+            f"small ones come to rest, large ones start oscillation of {system.naming.plain(scan.coordinate)}."
+        )
+    return tuple(said)
 
 
 # --- tables -----------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 OFF = 0.01  # share below and above the critical value at which motions are integrated
 FASTER = 0.1  # share above it where the cycle lives from which these motions start
 LEAST = 0.1  # of the range: the shares are of the critical value, but of no less than this
+CAPTION = "Cycles before and after the change of the design, over the whole range and about the critical values."
 FINER = 31  # highest harmonic of the independent tracing
 
 
@@ -109,7 +110,32 @@ def design_of(
         smooth = {k: predicted(spreads(p, uncertain)) for k, p in _both(design)}
         figures["distribution"] = partial(_shares, drawn, smooth, service, label(f"critical {name}", unit))
     saved = {k: b for k, b in branches.items() if b is not None}
-    return Report(f"{system.name}: design for a higher critical {name}", tuple(tables), saved, figures, notes, data)
+    over = [(n, system.parameter(n).description, *ends, system.parameter(n).unit) for n, ends in design.over.items()]
+    columns = ("parameter", "what it is", "at least", "at most", "unit")
+    return Report(
+        f"{system.name}: design for a higher critical {name}",
+        tuple(tables),
+        saved,
+        figures,
+        notes,
+        data,
+        summary=(notes[0], *_moved(design)),
+        about=(f"The design with the highest critical {name} under the limits of the problem.",),
+        captions={"bifurcation": CAPTION},
+        inputs=(Table("over", "Parameters that may change", columns, tuple(over), ("", "", ".5g", ".5g", "")),),
+    )
+
+
+def _moved(design: Design) -> tuple[str, ...]:
+    """Return how the parameters have changed, in one sentence."""
+    old, naming = design.before.system.values, design.before.system.naming
+    moved = [
+        f"{naming.plain(n)} by {100 * (v / old[n] - 1):+.0f} %"
+        for n, v in design.parameters.items()
+        if n in design.over and old[n] and abs(v / old[n] - 1) > 1e-3
+    ]
+    kept = "All limits are kept." if design.feasible else "NOT all limits are kept."
+    return (f"It changes {'; '.join(moved)}.".replace("-", "\N{MINUS SIGN}"), kept) if moved else (kept,)
 
 
 def _both(design: Design) -> tuple[tuple[str, DesignPoint], ...]:

@@ -100,7 +100,32 @@ def ramp_of(
         "exponents_rising": runs.exponents(runs.late_rising),
         "status": [p.status for p in (*runs.falling, *runs.rising)],
     }
-    return Report(system.name, (ramp_table(runs),), {}, figures, notes, summary, (peaks_table(runs),))
+    return Report(
+        f"{system.name}: {parameter} slowly falling and rising",
+        (ramp_table(runs),),
+        {},
+        figures,
+        notes,
+        summary,
+        (peaks_table(runs),),
+        summary=_sentences(runs),
+        about=(f"Motions while {parameter} falls and rises between {lo:.5g} and {hi:.5g}.",),
+    )
+
+
+def _sentences(runs: Hysteresis) -> tuple[str, ...]:
+    """Return where oscillation dies out and starts at the slowest rate."""
+    unit, said = "" if runs.parameter_unit in ("", "1") else f" {runs.parameter_unit}", []
+    k = int(np.argmin(np.abs(runs.rates)))
+    rate = f"at {abs(float(runs.rates[k])):g}{unit} per second, the slowest rate,"
+    for passage, what, beside, name in (
+        (runs.falling[k], "dies out", runs.fold, "fold"),
+        (runs.rising[k], "starts", runs.hopf, "Hopf point"),
+    ):
+        if np.isfinite(passage.event):
+            near = f"; the {name} is at {beside:.4g}{unit}" if np.isfinite(beside) else ""
+            said.append(f"Oscillation {what} {rate} at {runs.parameter} = {passage.event:.4g}{unit}{near}.")
+    return tuple(said)
 
 
 def ramp_table(runs: Hysteresis) -> Table:

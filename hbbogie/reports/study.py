@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,11 +24,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 20  # failures listed
+NAMED = 4  # outputs in the summary
 MOST = 8  # inputs of parallel coordinates where none are named
 
 
 def report_of(
-    data: xr.Dataset, title: str, outputs: Sequence[str] = (), figures: Sequence[Mapping[str, Any]] = ()
+    data: xr.Dataset,
+    title: str,
+    outputs: Sequence[str] = (),
+    figures: Sequence[Mapping[str, Any]] = (),
+    drawn_from: Mapping[str, str] | None = None,
 ) -> Report:
     """Return tables and figures of a study.
 
@@ -41,6 +47,8 @@ def report_of(
     figures : sequence of mappings
         Of each its ``kind`` ("map", "distribution", "sensitivity", "scatter", "parallel", "prediction") and the names
         it draws, as in a study file.
+    drawn_from : mapping from name to str, optional
+        The distribution of each input, in words.
 
     Raises
     ------
@@ -51,7 +59,7 @@ def report_of(
         raise ModelError("report: no point of this study is finished.")
     chosen = [n for n in (outputs or names_of(data, "outputs")) if outputs or not n.startswith("d")]
     numeric = [n for n in chosen if n in data and data[n].dtype.kind == "f"]
-    tables = [_about(data), _summary(data, numeric)]
+    tables = [_summary(data, numeric)]
     drawn: dict[str, Callable[[], Figure]] = {}
     given = names_of(data, "outputs")
     notes = [f"outputs: {unknown_name('output', n, given)}" for n in outputs if n not in given]
@@ -65,7 +73,17 @@ def report_of(
         drawn[f"{k}_{figure['kind']}"] = partial(_drawn, draws)
     if data["failed"].values.any():
         tables.append(_failures(data))
-    return Report(title, tuple(tables), {}, drawn, (*damage(data), *notes), {"attributes": dict(data.attrs)})
+    return Report(
+        title,
+        (*tables, _about(data)),
+        {},
+        drawn,
+        (*damage(data), *notes),
+        {"attributes": dict(data.attrs)},
+        summary=(*damage(data), *_sentences(data, numeric, tables)),
+        about=(_what(data),),
+        inputs=(_inputs(data, drawn_from or {}),),
+    )
 
 
 def damage(data: xr.Dataset) -> tuple[str, ...]:
@@ -74,6 +92,61 @@ def damage(data: xr.Dataset) -> tuple[str, ...]:
     if not points:
         return ()
     return (f"Damaged in the store: {listed(points)}. Resume the study to compute these points anew.",)
+
+
+def _what(data: xr.Dataset) -> str:
+    """Return what the study did at how many points."""
+    a, done = data.attrs, data.sizes["point"]
+    problem = Path(str(a["problem"])).stem
+    job = str(a["job"]).rpartition(":")[2]
+    made = f"{a['sampling']}, seed {a['seed']}" if a["seed"] != "" else a["sampling"]
+    return f"The job {job!r} of the problem {problem!r} at {done} of {a['total']} points ({made})."
+
+
+def _inputs(data: xr.Dataset, drawn_from: Mapping[str, str]) -> Table:
+    """Return the inputs with their units, distributions and ranges."""
+    nominal = json.loads(data.attrs["nominal_inputs"])
+    rows = []
+    for name in names_of(data, "inputs"):
+        v, own = data[name].values, data[name].attrs
+        ends = float(v.min()), float(v.max())
+        rows.append(
+            (name, own.get("long_name", ""), own["units"] or "1", nominal[name], *ends, drawn_from.get(name, ""))
+        )
+    columns = ("input", "what it is", "unit", "nominal", "from", "to", "drawn from")
+    return Table("inputs", "Inputs", columns, tuple(rows), ("", "", "", ".5g", ".5g", ".5g", ""))
+
+
+def _sentences(data: xr.Dataset, names: Sequence[str], tables: Sequence[Table]) -> tuple[str, ...]:
+    """Return what the study found: where the outputs lie, what is below a threshold, which input matters most."""
+    said, failed = [], int(data["failed"].values.sum())
+    for name in names[:NAMED]:
+        v, unit = data[name].values, data[name].attrs["units"]
+        v, unit = v[np.isfinite(v)], "" if unit in ("", "1") else f" {unit}"
+        if len(v):
+            low, middle, high = np.quantile(v, (0.05, 0.5, 0.95))
+            said.append(
+                f"{name}: nine of ten points lie between {low:.4g} and {high:.4g}{unit}, the median is "
+                f"{middle:.4g}{unit}."
+            )
+    for table in tables:
+        if table.name.endswith("_exceedance"):
+            for side, threshold, share, low, high, *_ in table.rows:
+                what = table.title.partition(": ")[2].partition(" [")[0]
+                said.append(
+                    f"{what} lies {side} {threshold:g} with a probability of {100 * share:.2g} % "
+                    f"({100 * low:.2g} to {100 * high:.2g} %)."
+                )
+        if table.name.endswith("_sensitivity") and table.rows:
+            name, first, _, total, _ = max(table.rows, key=lambda row: row[3])
+            of = table.title.rpartition(" ")[2]
+            said.append(
+                f"{name} matters most for {of}: alone it causes {100 * first:.0f} % of the variance, together with "
+                f"others {100 * total:.0f} %."
+            )
+    if failed:
+        said.append(f"{failed} of {data.sizes['point']} points have no answer.")
+    return tuple(said)
 
 
 def _drawn(draws: Callable[[], Figure]) -> Figure:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hbbogie.errors import ModelError, pair, unknown_name
 
 Array = NDArray[np.float64]
+WORDS = {"norm": "normal", "truncnorm": "truncated normal", "lognorm": "lognormal", "triang": "triangular"}
 DISTRIBUTIONS = ("uniform", "normal", "truncated_normal", "lognormal", "triangular")
 
 
@@ -29,6 +30,16 @@ def distribution(name: str, given: Any) -> Any:
         ) from None
     low, high = pair(f"parameter {name!r}", (low, high))
     return uniform(low, high - low)
+
+
+def in_words(given: Any) -> str:
+    """Return what a frozen distribution is, such as "normal, 90 % between 0.04 and 0.06"."""
+    kind = getattr(getattr(getattr(given, "frozen", given), "dist", None), "name", "some distribution")
+    if kind == "uniform":
+        low, high = given.ppf(np.array([0.0, 1.0]))
+        return f"uniform between {low:.4g} and {high:.4g}"
+    low, high = given.ppf(np.array([0.05, 0.95]))
+    return f"{WORDS.get(kind, kind)}, 90 % between {low:.4g} and {high:.4g}"
 
 
 @dataclass(frozen=True, eq=False)
