@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from hbbogie.attraction.basin import check, find_basin
+from hbbogie.branches.diagram import Diagram
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -95,6 +96,12 @@ def basin_of(
         workers=workers,
         progress=progress,
     )
+    return _reported(scan, system, found), scan
+
+
+def _reported(scan: Basin, system: System, found: Diagram) -> Report:
+    """Return a scan as a report."""
+    parameter, branches, values = scan.parameter, list(found.branches.values()), scan.values
     across = label(f"{system.parameter(parameter).description} {parameter}".strip(), scan.parameter_unit)
     figures: Figures = {"basin": partial(draw, "basin", scan, branches, found.hopf, parameter_label=across)}
     counts = {kind: int(scan.count(kind).sum()) for kind in ("rest", "cycle", "undecided")}
@@ -107,7 +114,7 @@ def basin_of(
         *scan.notes,
     )
     data = {"parameters": scan.parameters, "parameter": parameter, "direction": scan.direction, "counts": counts}
-    report = Report(
+    return Report(
         f"{system.name}: how motions end",
         (basin_table(scan),),
         {},
@@ -118,7 +125,6 @@ def basin_of(
         summary=_sentences(scan, system, counts),
         about=(f"Motions over {parameter} from {values[0]:.5g} to {values[-1]:.5g}; {scan.direction}.",),
     )
-    return report, scan
 
 
 def _sentences(scan: Basin, system: System, counts: dict[str, int]) -> tuple[str, ...]:
