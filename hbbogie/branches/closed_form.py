@@ -90,9 +90,7 @@ def exact_trace(
     return _branch(walk.points, parameter, (), (walk.beginning, walk.end))
 
 
-def _walk_away(
-    system: System, special: SpecialPoint, onward: Orbit, interval: tuple[float, float], most: int
-) -> Walk:
+def _walk_away(system: System, special: SpecialPoint, onward: Orbit, interval: tuple[float, float], most: int) -> Walk:
     """Follow the exact cycles of the branch that begins at a special point away from it."""
     point = exact_cycle(system, onward, special.parameter)
     _check_left(point, special)

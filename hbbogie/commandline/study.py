@@ -228,7 +228,7 @@ def _state(path: Path) -> str:
 def _reported(data: Any, wanted: Look) -> Report:
     from hbbogie.reports.study import report_of
 
-    return report_of(data, wanted.title, wanted.outputs, wanted.figures, wanted.points.drawn)
+    return report_of(data, wanted.title, wanted.outputs, wanted.figures)
 
 
 def _html(found: Report, path: Path) -> Path:

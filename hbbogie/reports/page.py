@@ -25,7 +25,7 @@ from hbbogie.units import readable
 ENOUGH = 5  # significant digits that a page shows
 SIZES = {  # heads of columns in the unit that a column of that name gives
     *("value", "nominal", "before", "after", "from", "to", "at least", "at most", "lower bound", "upper bound"),
-    *("estimate", "standard error", "default", "peak"),
+    *("estimate", "standard error", "default", "peak", "5 %", "95 %"),
 }
 LONGEST = 60  # rows of a table on a page
 WIDEST, FEW = 9, 4  # a table of more columns and no more rows is turned
@@ -101,7 +101,7 @@ def html_of(report: Report, origin: Origin | None = None) -> str:
         title=report.title,
         date=f"{date.today().day} {date.today():%B %Y}",
         version=__version__,
-        summary=report.summary or report.notes,
+        summary=_incomplete(report) + (report.summary or report.notes),
         about=about,
         inputs=inputs,
         tables=[_plain(t) for t in report.tables],
@@ -110,6 +110,13 @@ def html_of(report: Report, origin: Origin | None = None) -> str:
         remarks=[n for n in report.notes if n not in report.summary] if report.summary else (),
         again=origin.again,
     )
+
+
+def _incomplete(report: Report) -> tuple[str, ...]:
+    """Return a sentence where not all was computed, so that the summary cannot be taken for the whole."""
+    if report.data.get("complete", True):
+        return ()
+    return ("Incomplete: not all was searched to its end, and more may exist; the remarks below say what is missing.",)
 
 
 def _inputs(report: Report, origin: Origin) -> tuple[list[str], list[dict[str, Any]]]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 20  # failures listed
+SAMPLINGS = {"lhs": "Latin hypercube", "sobol": "Sobol's sequence", "saltelli": "Saltelli's points", "list": "listed"}
 NAMED = 4  # outputs in the summary
 MOST = 8  # inputs of parallel coordinates where none are named
 
@@ -33,7 +34,6 @@ def report_of(
     title: str,
     outputs: Sequence[str] = (),
     figures: Sequence[Mapping[str, Any]] = (),
-    drawn_from: Mapping[str, str] | None = None,
 ) -> Report:
     """Return tables and figures of a study.
 
@@ -47,8 +47,6 @@ def report_of(
     figures : sequence of mappings
         Of each its ``kind`` ("map", "distribution", "sensitivity", "scatter", "parallel", "prediction") and the names
         it draws, as in a study file.
-    drawn_from : mapping from name to str, optional
-        The distribution of each input, in words.
 
     Raises
     ------
@@ -82,7 +80,7 @@ def report_of(
         {"attributes": dict(data.attrs)},
         summary=(*damage(data), *_sentences(data, numeric, tables)),
         about=(_what(data),),
-        inputs=(_inputs(data, drawn_from or {}),),
+        inputs=(_inputs(data),),
     )
 
 
@@ -99,27 +97,32 @@ def _what(data: xr.Dataset) -> str:
     a, done = data.attrs, data.sizes["point"]
     problem = Path(str(a["problem"])).stem
     job = str(a["job"]).rpartition(":")[2]
-    made = f"{a['sampling']}, seed {a['seed']}" if a["seed"] != "" else a["sampling"]
+    sampling = SAMPLINGS.get(str(a["sampling"]), str(a["sampling"]))
+    made = f"{sampling}, seed {a['seed']}" if a["seed"] != "" else sampling
     return f"The job {job!r} of the problem {problem!r} at {done} of {a['total']} points ({made})."
 
 
-def _inputs(data: xr.Dataset, drawn_from: Mapping[str, str]) -> Table:
+def _inputs(data: xr.Dataset) -> Table:
     """Return the inputs with their units, distributions and ranges."""
-    nominal = json.loads(data.attrs["nominal_inputs"])
+    nominal, drawn = (json.loads(data.attrs.get(key, "{}")) for key in ("nominal_inputs", "drawn"))
     rows = []
     for name in names_of(data, "inputs"):
         v, own = data[name].values, data[name].attrs
-        ends = float(v.min()), float(v.max())
-        rows.append(
-            (name, own.get("long_name", ""), own["units"] or "1", nominal[name], *ends, drawn_from.get(name, ""))
-        )
-    columns = ("input", "what it is", "unit", "nominal", "from", "to", "drawn from")
-    return Table("inputs", "Inputs", columns, tuple(rows), ("", "", "", ".5g", ".5g", ".5g", ""))
+        ends, about = (float(v.min()), float(v.max())), drawn.get(name, ("", None, None))
+        rows.append((name, own.get("long_name", ""), own["units"] or "1", nominal[name], *ends, *about))
+    columns: tuple[str, ...] = "input", "what it is", "unit", "nominal", "from", "to", "drawn from", "5 %", "95 %"
+    formats: tuple[str, ...] = "", "", "", ".5g", ".5g", ".5g", "", ".5g", ".5g"
+    kept = slice(None) if drawn else slice(6)
+    note = "From, to: what the points reach. 5 %, 95 %: quantiles of the distribution."
+    return Table("inputs", "Inputs", columns[kept], tuple(r[kept] for r in rows), formats[kept], (note,) * bool(drawn))
 
 
 def _sentences(data: xr.Dataset, names: Sequence[str], tables: Sequence[Table]) -> tuple[str, ...]:
     """Return what the study found: where the outputs lie, what is below a threshold, which input matters most."""
     said, failed = [], int(data["failed"].values.sum())
+    done, total = data.sizes["point"], int(data.attrs["total"])
+    if done < total:
+        said.append(f"Incomplete: {done} of {total} points are finished.")
     for name in names[:NAMED]:
         v, unit = data[name].values, data[name].attrs["units"]
         v, unit = v[np.isfinite(v)], "" if unit in ("", "1") else f" {unit}"
@@ -138,11 +141,14 @@ def _sentences(data: xr.Dataset, names: Sequence[str], tables: Sequence[Table]) 
                     f"({100 * low:.2g} to {100 * high:.2g} %)."
                 )
         if table.name.endswith("_sensitivity") and table.rows:
-            name, first, _, total, _ = max(table.rows, key=lambda row: row[3])
+            name, first, _, whole, error = max(table.rows, key=lambda row: row[3])
             of = table.title.rpartition(" ")[2]
+            if not error < whole:
+                said.append(f"Which input matters most for {of} is not decided: the intervals exceed the indices.")
+                continue
             said.append(
                 f"{name} matters most for {of}: alone it causes {100 * first:.0f} % of the variance, together with "
-                f"others {100 * total:.0f} %."
+                f"others {100 * whole:.0f} %."
             )
     if failed:
         said.append(f"{failed} of {data.sizes['point']} points have no answer.")

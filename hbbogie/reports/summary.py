@@ -55,6 +55,9 @@ def diagram_sentences(system: System, found: Diagram, rest: Equilibria | None = 
         said.append(f"The equilibrium has a Hopf point at {_at(system, name, point.value)}{beside}.")
     if cycles and (largest := _largest(system, found)):
         said.append(largest)
+    lost = sum("No branch was traced" in note or note.startswith("Cycles at") for note in found.notes)
+    if lost:
+        said.append("Not all branches could be followed, and more may exist; the remarks say which and why.")
     if not found.branches and found.families:
         said.append("Cycles of every amplitude exist, as in a conservative system; a disturbance decides which.")
     elif not found.branches:

@@ -32,14 +32,11 @@ def distribution(name: str, given: Any) -> Any:
     return uniform(low, high - low)
 
 
-def in_words(given: Any) -> str:
-    """Return what a frozen distribution is, such as "normal, 90 % between 0.04 and 0.06"."""
-    kind = getattr(getattr(getattr(given, "frozen", given), "dist", None), "name", "some distribution")
-    if kind == "uniform":
-        low, high = given.ppf(np.array([0.0, 1.0]))
-        return f"uniform between {low:.4g} and {high:.4g}"
-    low, high = given.ppf(np.array([0.05, 0.95]))
-    return f"{WORDS.get(kind, kind)}, 90 % between {low:.4g} and {high:.4g}"
+def in_words(given: Any) -> tuple[str, float, float]:
+    """Return the name of a frozen distribution, and its quantiles of 5 and 95 %."""
+    kind = getattr(getattr(getattr(given, "frozen", given), "dist", None), "name", "a distribution")
+    low, high = (float(q) for q in given.ppf(np.array([0.05, 0.95])))
+    return WORDS.get(kind, kind), low, high
 
 
 @dataclass(frozen=True, eq=False)

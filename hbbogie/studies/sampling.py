@@ -45,8 +45,8 @@ class Points:
         With which the same points are made again.
     units : mapping from name to str
         Of parameters whose values are in another unit than their own, until `of_system` has converted them.
-    drawn : mapping from name to str
-        What each was drawn from, in words, such as "normal, 90 % between 0.04 and 0.06".
+    drawn : mapping from name to (str, float, float)
+        What each was drawn from: the name of the distribution and its quantiles of 5 and 95 % [unit of the parameter].
     """
 
     names: tuple[str, ...]
@@ -54,7 +54,7 @@ class Points:
     kind: str
     seed: int | None = None
     units: Mapping[str, str] = field(default_factory=dict)
-    drawn: Mapping[str, str] = field(default_factory=dict)
+    drawn: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
 
     __repr__ = brief
 
