@@ -51,7 +51,7 @@ def train(n: int = 2, creep: str = "she", yaw_dampers: str = "direct", **paramet
     ccp = Parameter("ccp", 0.1e6, "N m s", "yaw damping of a coupler", any_sign)
 
     cars = [VEHICLE.car(p, f"_{m + 1}") for m in range(n)]
-    for front, rear in zip(cars, cars[1:], strict=False):
+    for front, rear in pairwise(cars):
         (y1, p1), (y2, p2) = front.coordinates[:2], rear.coordinates[:2]
         G, G_dot = (y1 - le * p1) - (y2 + le * p2), (y1.dot - le * p1.dot) - (y2.dot + le * p2.dot)
         Fc = kcy * G + ccy * G_dot

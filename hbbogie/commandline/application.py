@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import shlex
 from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import replace
@@ -20,6 +21,7 @@ from hbbogie.errors import ModelError
 
 if TYPE_CHECKING:
     from hbbogie.model.system import System
+    from hbbogie.reports.page import Origin
     from hbbogie.reports.report import Report
 
 FIGURES = (".png", ".pdf", ".svg")
@@ -105,6 +107,7 @@ class Strict(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments."""
+        words_given.set((*ctx.command_path.split(), *args))
         given = [word.partition("=")[0] for word in args]
         for option in self.params:
             single = not getattr(option, "multiple", False) and not getattr(option, "is_flag", False)
@@ -142,14 +145,48 @@ VALUES: dict[str, tuple[Any, Any]] = {
 SHARED: dict[str, tuple[Any, Any]] = {
     "form": (Annotated[Form, typer.Option("--format", help="Of the figures.")], Form.png),
     "no_figures": (Annotated[bool, typer.Option("--no-figures", help="Write tables and branches only.")], False),
+    "page": (
+        Annotated[
+            Path | None,
+            typer.Option("--report", metavar="FILE.html", help="Also write a page for people: summary, figures, data."),
+        ],
+        None,
+    ),
 }
 figures_wanted: ContextVar[dict[str, Any]] = ContextVar("figures_wanted")  # by the command that runs
 values_given: ContextVar[Path | None] = ContextVar("values_given", default=None)
+page_wanted: ContextVar[Path | None] = ContextVar("page_wanted", default=None)
+words_given: ContextVar[tuple[str, ...]] = ContextVar("words_given", default=())
+loaded: ContextVar[tuple[ModuleType, System] | None] = ContextVar("loaded", default=None)  # what the command is about
 
 
-def written(report: Report, folder: Path, progress: Any) -> list[Path]:
-    """Write a report with its figures as the options of the command say."""
-    return report.write(folder, progress, **figures_wanted.get())
+def written(report: Report, folder: Path | None, progress: Any) -> list[Path]:
+    """Write a report, with its figures and as a page, as the options of the command say."""
+    files = [] if folder is None else report.write(folder, progress, **figures_wanted.get())
+    if (page := page_wanted.get()) is not None:
+        from hbbogie.reports.page import write_html
+
+        progress("writing the page", None)
+        files.append(write_html(report, page, _origin()))
+    return files
+
+
+def _origin() -> Origin:
+    """Return where the report of the command comes from; paths are given by their last part."""
+    from hbbogie.model.problem import system_of
+    from hbbogie.reports.page import Origin
+
+    words, kept = [w.rpartition(os.sep)[2] or w for w in words_given.get()], list[str]()
+    while words:
+        word = words.pop(0)
+        if word in ("--report", "--output", "-o"):
+            words.pop(0)
+        elif word not in ("-q", "--quiet", "--json") and not word.startswith(("--report=", "--output=")):
+            kept.append(word)
+    about = loaded.get()
+    if about is None:
+        return Origin(again=shlex.join(kept))
+    return Origin(about[1], dict(system_of(about[0]).values), shlex.join(kept))
 
 
 def examples(*lines: str) -> str:
@@ -171,7 +208,8 @@ def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., No
             set_loudness(bool(options.get("quiet")), bool(options.get("verbose")))
             values_given.set(options.get("values_file"))
             figures_wanted.set({"form": str(options.get("form", Form.png)), "figures": not options.get("no_figures")})
-            guarded(function, args, kwargs)
+            loaded.set(None)
+            guarded(_with_page(function, options.get("page")), args, kwargs)
 
         shared = LOUDNESS | (VALUES if "overrides" in function.__annotations__ else {}) | (SHARED if writes else {})
         kind, hints = inspect.Parameter.KEYWORD_ONLY, get_type_hints(function, include_extras=True)
@@ -182,6 +220,20 @@ def command(*lines: str, group: typer.Typer = app) -> Callable[[Callable[..., No
         return group.command(epilog=examples(*lines), cls=Strict)(run)
 
     return register
+
+
+def _with_page(function: Callable[..., None], page: Path | None) -> Callable[..., None]:
+    """Return the function of a command so that it begins by trying whether the page can be written."""
+
+    def begin(*args: Any, **kwargs: Any) -> None:
+        if page is not None:
+            from hbbogie.reports.page import check_page
+
+            check_page(page)
+        page_wanted.set(page)
+        function(*args, **kwargs)
+
+    return begin
 
 
 def _show_version(wanted: bool) -> None:
@@ -212,7 +264,9 @@ def load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
     given = ({} if file is None else values_in(file)) | quantities(overrides, "--set")
     module = load_problem(name)
     units = {p.name: p.unit for p in system_of(module).parameters} if any(unit for _, unit in given.values()) else {}
-    return module, system_of(module, **in_own_units(given, units))
+    system = system_of(module, **in_own_units(given, units))
+    loaded.set((module, system))
+    return module, system
 
 
 def do(

@@ -157,7 +157,7 @@ def cycles(
             limit=limit,
         )
         found = report_of_cycles(system, parameter, cycles, hill=hill)
-        files = [] if output is None else written(found, output, progress)
+        files = written(found, output, progress)
     deliver(found, files, as_json)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from hbbogie.commandline.application import AsJson, MaybeOutput, command
+from hbbogie.commandline.application import AsJson, MaybeOutput, command, written
 
 
 @command(
@@ -51,5 +51,5 @@ def conicity(
             radius=radius,
             mirrored=mirror_rail,
         )
-        files = [] if output is None else found.write(output, progress)
+        files = written(found, output, progress)
     deliver(found, files, as_json)

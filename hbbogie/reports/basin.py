@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from hbbogie.attraction.basin import check, find_basin
+from hbbogie.branches.diagram import Diagram
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -95,6 +96,12 @@ def basin_of(
         workers=workers,
         progress=progress,
     )
+    return _reported(scan, system, found), scan
+
+
+def _reported(scan: Basin, system: System, found: Diagram) -> Report:
+    """Return a scan as a report."""
+    parameter, branches, values = scan.parameter, list(found.branches.values()), scan.values
     across = label(f"{system.parameter(parameter).description} {parameter}".strip(), scan.parameter_unit)
     figures: Figures = {"basin": partial(draw, "basin", scan, branches, found.hopf, parameter_label=across)}
     counts = {kind: int(scan.count(kind).sum()) for kind in ("rest", "cycle", "undecided")}
@@ -107,8 +114,33 @@ def basin_of(
         *scan.notes,
     )
     data = {"parameters": scan.parameters, "parameter": parameter, "direction": scan.direction, "counts": counts}
-    report = Report(system.name, (basin_table(scan),), {}, figures, notes, data, (motions_table(scan),))
-    return report, scan
+    return Report(
+        f"{system.name}: how motions end",
+        (basin_table(scan),),
+        {},
+        figures,
+        notes,
+        data,
+        (motions_table(scan),),
+        summary=_sentences(scan, system, counts),
+        about=(f"Motions over {parameter} from {values[0]:.5g} to {values[-1]:.5g}; {scan.direction}.",),
+    )
+
+
+def _sentences(scan: Basin, system: System, counts: dict[str, int]) -> tuple[str, ...]:
+    """Return how many motions end how, and where a disturbance decides."""
+    undecided = f", {counts['undecided']} are undecided" if counts["undecided"] else ""
+    said = [
+        f"Of {scan.outcome.size} motions {counts['rest']} come to rest and {counts['cycle']} end on a cycle{undecided}."
+    ]
+    both = [float(v) for i, v in enumerate(scan.values) if {"rest", "cycle"} <= set(map(str, scan.outcome[i]))]
+    unit = "" if scan.parameter_unit in ("", "1") else f" {scan.parameter_unit}"
+    if both:
+        said.append(
+            f"Between {scan.parameter} = {min(both):.4g} and {max(both):.4g}{unit} the disturbance decides: "
+            f"small ones come to rest, large ones start oscillation of {system.naming.plain(scan.coordinate)}."
+        )
+    return tuple(said)
 
 
 # --- tables -----------------------------------------------------------------------------------

@@ -18,8 +18,8 @@ CAPTIONS = {
     "hysteresis": "Amplitude while the parameter slowly falls and rises, over the branches of cycles.",
     "delays": "How far beyond the critical value oscillation dies out or starts, by the rate of change.",
     "time_history": "The motion over time.",
-    "bifurcation": "Cycles before and after the change of the design, over the whole range and about the critical "
-    "values.",
+    "bifurcation": "Peaks of the cycles over the parameter, over the whole range and about the fold. Stable ones are "
+    "solid, unstable ones dashed.",
     "gains": "What is gained for each per cent by which a limit or bound is relaxed.",
     "distribution": "Distribution of the result over the sampled inputs.",
     "sensitivity": "Share of the variance that each input causes, alone and together with others, with 95 % intervals.",

@@ -65,7 +65,31 @@ def chart_of(
     data = {"without_fold": found.without_fold, "without_hopf": found.without_hopf}
     title = f"{system.name}: critical values of {name} over {over}"
     figures: dict[str, Callable[[], Figure]] = {"chart": partial(_figure, found)}
-    return Report(title, tuple(tables), {}, figures, found.notes, data, (_points(found, heads),))
+    return Report(
+        title,
+        tuple(tables),
+        {},
+        figures,
+        found.notes,
+        data,
+        (_points(found, heads),),
+        summary=_sentences(found, system, name, over),
+        about=(f"Folds and Hopf points over {system.naming.plain(over)} from {interval[0]:g} to {interval[1]:g}.",),
+    )
+
+
+def _sentences(found: Chart, system: System, name: str, over: str) -> tuple[str, ...]:
+    """Return where the curves of critical values lie, and where rest and cycles coexist most widely."""
+    units = {n: "" if (u := system.parameter(n).unit) in ("", "1") else f" {u}" for n in (name, over)}
+    said = []
+    for c in found.curves:
+        first, last = (int(i) for i in (np.argmin(c.over_values), np.argmax(c.over_values)))
+        kind = "fold" if c.kind == "fold" else "Hopf point"
+        said.append(
+            f"The {kind} goes from {name} = {c.values[first]:.4g}{units[name]} at {over} = {c.over_values[first]:.4g} "
+            f"to {c.values[last]:.4g}{units[name]} at {over} = {c.over_values[last]:.4g}{units[over]}."
+        )
+    return tuple(said)
 
 
 def _curves(found: Chart, heads: tuple[str, str]) -> Table:

@@ -120,7 +120,10 @@ def comparison_of(
     branches = {f"branch_{name}": method.branch for name, method in found.methods.items()}
     figures: dict[str, Callable[[], Figure]] = {"comparison": partial(_page, found)}
     tables = (table_of_errors(found), table_of_methods(found))
-    return Report(f"{system.name}: methods compared", tables, branches, figures, (*verdicts(found), *left_out))
+    said = verdicts(found)
+    return Report(
+        f"{system.name}: methods compared", tables, branches, figures, (*said, *left_out), summary=said or left_out
+    )
 
 
 def _possible(system: System, names: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +19,11 @@ from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
+from hbbogie.reports.summary import influence_sentences
 from hbbogie.reports.table import Table
 from hbbogie.results import Criticals
 from hbbogie.stability.multipliers import floquet
 from hbbogie.units import label
-
-if TYPE_CHECKING:
-    pass
 
 SHOWN = 12  # bars of the tornado chart
 LEAST = 1e-9  # elasticity that is shown
@@ -65,7 +63,7 @@ def critical_of(
         note = f"No Hopf point and no fold for {name} from {span[0]:g} to {span[1]:g} {unit}".rstrip() + "."
         return Report(system.name, notes=(note, *missing), data={"complete": searched.complete})
     first = found[0]
-    notes = [f"The smallest critical value is {first.value:.6g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
+    notes = [f"The smallest critical value is {first.value:.5g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
     if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
         notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
     notes += _attractors(system, searched, unit)
@@ -75,7 +73,7 @@ def critical_of(
     both = [] if time_is_over() else coexistence(system, found)
     for c in both:
         notes.append(
-            f"Between {c.interval[0]:.6g} and {c.interval[1]:.6g} {unit}".rstrip()
+            f"Between {c.interval[0]:.5g} and {c.interval[1]:.5g} {unit}".rstrip()
             + " the equilibrium is stable and cycles exist: a disturbance larger than the unstable cycle starts them."
         )
     figures = _bars(found, system)
@@ -83,7 +81,18 @@ def critical_of(
     data["critical"] = [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]
     data["coexistence"] = [{"interval": c.interval} for c in both]
     tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
-    return Report(f"{system.name}: critical values of {name}", tables, {}, figures, tuple(notes), data)
+    return Report(
+        f"{system.name}: critical values of {name}",
+        tables,
+        {},
+        figures,
+        tuple(notes),
+        data,
+        summary=(*notes, *influence_sentences(system, found)),
+        about=(
+            f"Critical values of {system.naming.plain(name)} from {span[0]:g} to {span[1]:g}{' ' * bool(unit)}{unit}.",
+        ),
+    )
 
 
 def _attractors(system: System, found: Criticals, unit: str) -> list[str]:

@@ -25,7 +25,13 @@ from hbbogie.reports.cycle_tables import (
 )
 from hbbogie.reports.figures import cycle_figures, diagram_figures, linear, moves_along
 from hbbogie.reports.report import Report
-from hbbogie.reports.summary import diagram_sentences, fold_of_diagram, influence_sentences
+from hbbogie.reports.summary import (
+    branches_sentences,
+    cycles_sentences,
+    diagram_sentences,
+    fold_of_diagram,
+    influence_sentences,
+)
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch, Cycles, Equilibria, Orbit
 from hbbogie.stability.hill_method import hill as hill_of
@@ -65,7 +71,7 @@ def run_of(module: ModuleType, system: System, progress: Progress = silent, meth
     if not isinstance(report, Report):
         kind = type(report).__name__
         raise ModelError(f"{where}: study() returned an object of type {kind}; it must return a Report.")
-    return report
+    return report if report.summary else replace(report, summary=branches_sentences(system, report.branches))
 
 
 def figures_of_paper(module: ModuleType, system: System, progress: Progress = silent) -> Report:
@@ -152,7 +158,16 @@ def report_of_cycles(system: System, parameter: str, cycles: list[Orbit], *, hil
     saved = {f"cycle_{i + 1}": Branch((o,), parameter) for i, o in enumerate(cycles)}
     outputs = [outputs_table(cycles, f"{system.name}: outputs of the cycles")] if system.output_names else []
     tables = (table, *outputs, *([_by_hill(system, cycles)] if hill else []))
-    return Report(system.name, tables, saved, cycle_figures(cycles, system), notes, data)
+    return Report(
+        f"{system.name}: cycles at {at}",
+        tables,
+        saved,
+        cycle_figures(cycles, system),
+        notes,
+        data,
+        summary=cycles_sentences(system, parameter, cycles),
+        about=(f"All cycles at {at}, searched without a guess.",),
+    )
 
 
 def _by_hill(system: System, cycles: list[Orbit]) -> Table:

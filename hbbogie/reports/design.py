@@ -11,19 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.design.criteria import CriticalValue, Expression
+from hbbogie.design.criteria import CriticalValue
 from hbbogie.design.optimisation import Design, optimise
-from hbbogie.design.point import DesignPoint, stable_cycle
+from hbbogie.design.point import DesignPoint
 from hbbogie.design.robust import RobustValue, Uncertainty, predicted, predicted_below, spreads
 from hbbogie.design.samples import MonteCarlo, monte_carlo
-from hbbogie.design.single_program import single_level
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
-from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
-from hbbogie.motion.settling import settle
 from hbbogie.progress import Progress, silent
+from hbbogie.reports.design_checks import check_table
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch
@@ -34,10 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-OFF = 0.01  # share below and above the critical value at which motions are integrated
-FASTER = 0.1  # share above it where the cycle lives from which these motions start
-LEAST = 0.1  # of the range: the shares are of the critical value, but of no less than this
-FINER = 31  # highest harmonic of the independent tracing
+CAPTION = "Cycles before and after the change of the design, over the whole range and about the critical values."
 
 
 def design_of(
@@ -110,7 +105,32 @@ def design_of(
         smooth = {k: predicted(spreads(p, uncertain)) for k, p in _both(design)}
         figures["distribution"] = partial(_shares, drawn, smooth, service, label(f"critical {name}", unit))
     saved = {k: b for k, b in branches.items() if b is not None}
-    return Report(f"{system.name}: design for a higher critical {name}", tuple(tables), saved, figures, notes, data)
+    over = [(n, system.parameter(n).description, *ends, system.parameter(n).unit) for n, ends in design.over.items()]
+    columns = ("parameter", "what it is", "at least", "at most", "unit")
+    return Report(
+        f"{system.name}: design for a higher critical {name}",
+        tuple(tables),
+        saved,
+        figures,
+        notes,
+        data,
+        summary=(notes[0], *_moved(design)),
+        about=(f"The design with the highest critical {name} under the limits of the problem.",),
+        captions={"bifurcation": CAPTION},
+        inputs=(Table("over", "Parameters that may change", columns, tuple(over), ("", "", ".5g", ".5g", "")),),
+    )
+
+
+def _moved(design: Design) -> tuple[str, ...]:
+    """Return how the parameters have changed, in one sentence."""
+    old, naming = design.before.system.values, design.before.system.naming
+    moved = [
+        f"{naming.plain(n)} by {100 * (v / old[n] - 1):+.0f} %"
+        for n, v in design.parameters.items()
+        if n in design.over and old[n] and abs(v / old[n] - 1) > 1e-3
+    ]
+    kept = "All limits are kept." if design.feasible else "NOT all limits are kept."
+    return (f"It changes {'; '.join(moved)}.".replace("-", "\N{MINUS SIGN}"), kept) if moved else (kept,)
 
 
 def _both(design: Design) -> tuple[tuple[str, DesignPoint], ...]:
@@ -228,72 +248,6 @@ def robust_table(design: Design, uncertain: Uncertainty, drawn: dict[str, MonteC
     )
     formats = ("", "", ".5g", ".4g", ".4f", ".4f", ".4f")
     return Table("robust", "Under uncertainty", (*columns, "from", "to"), tuple(rows), formats, notes)
-
-
-# --- checks -----------------------------------------------------------------------------------
-
-
-def check_table(design: Design, task: dict[str, Any], progress: Progress) -> Table:
-    """Return the checks of the optimum: tracing with more harmonics, one nonlinear program, integration in time."""
-    point, unit = design.after, design.before.system.parameter(design.before.parameter).unit
-    rows: list[tuple[str, str, float | None]] = []
-    progress(f"tracing with harmonics up to {FINER}", None)
-    finer = _smallest_traced(point)
-    rows.append((f"traced anew, harmonics to {FINER}", "smallest Hopf point or fold", finer))
-    others = {a.name for a in design.active if a.kind == "limit"}
-    mine = [limit for limit in task.get("subject_to", ()) if isinstance(limit.quantity, Expression)]
-    if "maximise" not in task and "minimise" not in task and others <= {limit.quantity.name for limit in mine}:
-        progress("one nonlinear program", None)
-        one = single_level(design.before, design.over, mine)
-        rows.append(("one nonlinear program", one.status, one.value))
-    for share in (-OFF, OFF):
-        value = _aside(point, share)
-        progress(f"integrating at {point.parameter} = {value:.5g}", None)
-        text = f"motion {abs(value - point.value):.3g} {unit}".rstrip() + (" above" if share > 0 else " below")
-        rows.append((text, _settled(point, value), value))
-    columns = ("check", "result", label(point.parameter, unit))
-    title = f"Checks of the optimum, {point.parameter} = {point.value:.8g} {unit}".rstrip()
-    notes = (
-        f"The motions start on the cycle at {_aside(point, FASTER):.5g} {unit}".rstrip()
-        + ". The nonlinear program knows the limits on "
-        "parameters only, and is left out where others hold the optimum.",
-    )
-    return Table("checks", title, columns, tuple(rows), ("", "", ".8g"), notes)
-
-
-def _smallest_traced(point: DesignPoint) -> float:
-    """Return the smallest Hopf point or fold of branches traced with more harmonics, without any guess."""
-    equations = HarmonicBalance(FINER).equations(point.system)
-    values = [point.interval[1]]
-    for hopf in hopf_points(point.system, point.parameter, point.interval):
-        values.append(hopf.value)
-        try:
-            branch = trace(equations, hopf, point.parameter, point.interval, families=False, stability=False)
-        except ConvergenceError:
-            continue
-        values += [f.value for f in branch.folds()]
-    return float(min(values))
-
-
-def _aside(point: DesignPoint, share: float) -> float:
-    """Return the value a share beyond the smallest critical value, which may lie near 0."""
-    low, high = point.interval
-    return point.value + share * max(abs(point.value), LEAST * (high - low))
-
-
-def _settled(point: DesignPoint, value: float) -> str:
-    try:
-        start = stable_cycle(point, "check", _aside(point, FASTER))
-        if start is None:
-            return "there is no cycle to start from"
-        at: dict[str, Any] = {point.parameter: value}
-        settled = settle(point.system, start, **at)
-    except ConvergenceError as error:
-        return f"not decided: {error}"
-    if settled.kind != "cycle":
-        return {"rest": "dies out", "undecided": "undecided"}[settled.kind]
-    name = point.system.coordinate_names[0]
-    return f"settles on a cycle, peak of {name} {settled.amplitudes[name]:.4g}, omega {settled.omega:.5g} rad/s"
 
 
 def _branch(point: DesignPoint, progress: Progress, when: str) -> Branch | None:

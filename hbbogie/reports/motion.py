@@ -20,7 +20,7 @@ from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Trajectory
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.units import label, per_second
+from hbbogie.units import label, per_second, readable
 
 START = 4.0  # in units of the amplitude scale
 if TYPE_CHECKING:
@@ -79,7 +79,35 @@ def simulated(
             "status": settled.status,
         }
     figures: Figures = {"time_history": partial(_history, motion)}
-    return Report(system.name, tables, {}, figures, tuple(notes), data, (history_table(motion),))
+    return Report(
+        f"{system.name}: motion from {began}",
+        tables,
+        {},
+        figures,
+        tuple(notes),
+        data,
+        (history_table(motion),),
+        summary=(_ending(system, settled, began),),
+        about=(f"The motion during {duration:g} s, and on until it settles.",),
+    )
+
+
+def _ending(system: System, settled: Settled | None, began: str) -> str:
+    """Return how a motion ends, a sentence."""
+    kind = settled.kind if settled else "undecided"
+    if settled is None or kind not in ("cycle", "rest"):
+        return f"From {began} it is undecided where the motion settles."
+    if kind == "rest":
+        return f"From {began} the motion comes to rest."
+    name = system.coordinate_names[0]
+    unit = system.coordinates[0].unit
+    factor, shown = readable(unit, settled.amplitudes[name])
+    peak = f"{factor * settled.amplitudes[name]:.4g} {shown}".removesuffix(" 1")
+    frequency = settled.omega / (2 * np.pi)
+    return (
+        f"From {began} the motion settles on a cycle of {frequency:.4g} Hz, with a peak of {peak} of "
+        f"{system.naming.plain(name)}."
+    )
 
 
 def _history(motion: Trajectory) -> Figure:

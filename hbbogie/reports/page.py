@@ -12,15 +12,23 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hbbogie.errors import ModelError, as_path
 from hbbogie.model.system import System
 from hbbogie.reports.captions import caption_of
 from hbbogie.reports.report import Report, check_directory
 from hbbogie.reports.table import Table
 from hbbogie.studies.dataset import replacing
+from hbbogie.units import readable
 
 ENOUGH = 5  # significant digits that a page shows
+SIZES = {  # heads of columns in the unit that a column of that name gives
+    *("value", "nominal", "before", "after", "from", "to", "at least", "at most", "lower bound", "upper bound"),
+    *("estimate", "standard error", "default", "peak", "5 %", "95 %"),
+}
 LONGEST = 60  # rows of a table on a page
+WIDEST, FEW = 9, 4  # a table of more columns and no more rows is turned
 DOTS = 110  # per inch of a figure
 
 
@@ -91,23 +99,24 @@ def html_of(report: Report, origin: Origin | None = None) -> str:
     about, inputs = _inputs(report, origin)
     return environment.get_template("report.html").render(
         title=report.title,
-        date=date.today().strftime("%-d %B %Y") if _unix() else str(date.today()),
+        date=f"{date.today().day} {date.today():%B %Y}",
         version=__version__,
-        summary=report.summary or report.notes,
+        summary=_incomplete(report) + (report.summary or report.notes),
         about=about,
         inputs=inputs,
         tables=[_plain(t) for t in report.tables],
         figures=[_figure(report, name) for name in report.figures],
         details=[_plain(t) for t in _parameters(origin)],
-        remarks=report.notes if report.summary else (),
+        remarks=[n for n in report.notes if n not in report.summary] if report.summary else (),
         again=origin.again,
     )
 
 
-def _unix() -> bool:
-    import os
-
-    return os.name == "posix"
+def _incomplete(report: Report) -> tuple[str, ...]:
+    """Return a sentence where not all was computed, so that the summary cannot be taken for the whole."""
+    if report.data.get("complete", True):
+        return ()
+    return ("Incomplete: not all was searched to its end, and more may exist; the remarks below say what is missing.",)
 
 
 def _inputs(report: Report, origin: Origin) -> tuple[list[str], list[dict[str, Any]]]:
@@ -116,14 +125,25 @@ def _inputs(report: Report, origin: Origin) -> tuple[list[str], list[dict[str, A
     system = origin.system
     if system is not None:
         what = f": {system.description}" if system.description else ""
-        about.append(f"{system.name}{what}, {system.n} coordinates, {len(system.parameters)} parameters.")
+        about.append(
+            f"{system.name}{what}, {_count(system.n, 'coordinate')}, {_count(len(system.parameters), 'parameter')}."
+        )
         changed = {n: v for n, v in system.values.items() if origin.own is not None and origin.own.get(n) != v}
-        values = [system.naming.value(n, v, ENOUGH) for n, v in changed.items()]
+        values = [_value(system, n, v) for n, v in changed.items()]
         if values:
             about.append(f"Changed from the problem's own values: {', '.join(values)}.")
         elif origin.own is not None:
             about.append("All parameters have the problem's own values.")
     return about, [_plain(t) for t in report.inputs]
+
+
+def _value(system: System, name: str, value: float) -> str:
+    factor, unit = readable(system.parameter(name).unit, abs(value))
+    return f"{name} = {factor * value:.{ENOUGH}g} {unit}".removesuffix(" 1").rstrip()
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _parameters(origin: Origin) -> list[Table]:
@@ -147,22 +167,49 @@ def _figure(report: Report, name: str) -> dict[str, str]:
 
 
 def _plain(table: Table) -> dict[str, Any]:
-    """Return a table as text with sensible digits; of a long one every so many rows."""
-    formats = tuple(_fewer(form) for form in table.formats)
-    rows, notes = table.rows, list(table.notes)
+    """Return a table as text with sensible digits and units; one of few rows and many columns is turned."""
+    rows, notes = _in_readable_units(table), list(table.notes)
     if len(rows) > LONGEST:
         every = -(-len(rows) // LONGEST)
         notes.append(f"Every {every}th of {len(rows)} rows; all are in the file {table.name}.csv of the job's output.")
         rows = rows[::every]
-    cells = Table(table.name, table.title, table.columns, rows, formats).cells()
-    numeric = [any(isinstance(row[i], int | float) for row in rows) for i in range(len(table.columns))]
-    return {
-        "title": table.title,
-        "columns": [c.removesuffix(" [1]") for c in table.columns],
-        "rows": cells,
-        "text": [not n for n in numeric],
-        "notes": notes,
-    }
+    columns = [list(column) for column in zip(*rows, strict=True)] or [[] for _ in table.columns]
+    heads, cells, text = [], [], []
+    for head, form, column in zip(table.columns, table.formats, columns, strict=True):
+        head, column = _readable(head, form, column)
+        one = Table("", "", (head,), tuple((v,) for v in column), (_fewer(form),))
+        heads.append(head.removesuffix(" [1]"))
+        cells.append([row[0] for row in one.cells()])
+        text.append(not any(isinstance(v, int | float) for v in column))
+    lines = [list(row) for row in zip(*cells, strict=True)]
+    if len(heads) > WIDEST and 0 < len(lines) <= FEW:
+        heads, *lines = [list(row) for row in zip(heads, *lines, strict=True)]
+        text = [True, *[False] * (len(heads) - 1)]
+    return {"title": table.title, "columns": heads, "rows": lines, "text": text, "notes": notes}
+
+
+def _in_readable_units(table: Table) -> tuple[tuple[Any, ...], ...]:
+    """Return the rows; in a table that gives a unit in each row, sizes are in one in which they are read easily."""
+    if "unit" not in table.columns:
+        return table.rows
+    place, rows = table.columns.index("unit"), []
+    sizes = [i for i, head in enumerate(table.columns) if head in SIZES and table.formats[i].endswith("g")]
+    for row in table.rows:
+        known = [abs(row[i]) for i in sizes if isinstance(row[i], int | float) and np.isfinite(row[i])]
+        factor, unit = readable(str(row[place]), max(known, default=0.0))
+        new = [factor * v if i in sizes and isinstance(v, int | float) else v for i, v in enumerate(row)]
+        rows.append((*new[:place], unit, *new[place + 1 :]))
+    return tuple(rows)
+
+
+def _readable(head: str, form: str, column: list[Any]) -> tuple[str, list[Any]]:
+    """Return the head and the numbers of a column in the prefix in which they are read easily."""
+    match = re.fullmatch(r"(.*) \[(.+)\]", head)
+    numbers = [abs(v) for v in column if isinstance(v, float) and np.isfinite(v)]
+    if match is None or not form.endswith("g") or not numbers:
+        return head, column
+    factor, unit = readable(match[2], max(numbers))
+    return f"{match[1]} [{unit}]", [factor * v if isinstance(v, float) else v for v in column]
 
 
 def _fewer(form: str) -> str:

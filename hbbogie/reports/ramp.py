@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from hbbogie.attraction.hysteresis import find_hysteresis
+from hbbogie.branches.diagram import Diagram
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.around import _about
@@ -59,16 +60,11 @@ def ramp_of(
     """
     parameter, found, (lo, hi) = _about(module, system, parameter, interval, RAMP, progress)
     branches = list(found.branches.values())
-    if rates is None:
-        hopf = min(found.hopf, key=lambda s: s.value, default=None)
-        period = 2 * np.pi / hopf.omega if hopf else 1.0
-        fastest = RATES * (hi - lo) / (1 + sum(RAMP)) / period
-        rates = [float(f"{fastest:.0e}") / 2**k for k in range(HALVINGS)]
     runs = find_hysteresis(
         system,
         parameter,
         (lo, hi),
-        rates,
+        _rates(found, hi - lo) if rates is None else rates,
         level=level,
         start=start,
         rise_from=rise_from,
@@ -100,7 +96,40 @@ def ramp_of(
         "exponents_rising": runs.exponents(runs.late_rising),
         "status": [p.status for p in (*runs.falling, *runs.rising)],
     }
-    return Report(system.name, (ramp_table(runs),), {}, figures, notes, summary, (peaks_table(runs),))
+    return Report(
+        f"{system.name}: {parameter} slowly falling and rising",
+        (ramp_table(runs),),
+        {},
+        figures,
+        notes,
+        summary,
+        (peaks_table(runs),),
+        summary=_sentences(runs),
+        about=(f"Motions while {parameter} falls and rises between {lo:.5g} and {hi:.5g}.",),
+    )
+
+
+def _rates(found: Diagram, width: float) -> list[float]:
+    """Return rates that suit the first Hopf point and the width of the interval, each half the one before."""
+    hopf = min(found.hopf, key=lambda s: s.value, default=None)
+    period = 2 * np.pi / hopf.omega if hopf else 1.0
+    fastest = RATES * width / (1 + sum(RAMP)) / period
+    return [float(f"{fastest:.0e}") / 2**k for k in range(HALVINGS)]
+
+
+def _sentences(runs: Hysteresis) -> tuple[str, ...]:
+    """Return where oscillation dies out and starts at the slowest rate."""
+    unit, said = "" if runs.parameter_unit in ("", "1") else f" {runs.parameter_unit}", []
+    k = int(np.argmin(np.abs(runs.rates)))
+    rate = f"at {abs(float(runs.rates[k])):g}{unit} per second, the slowest rate,"
+    for passage, what, beside, name in (
+        (runs.falling[k], "dies out", runs.fold, "fold"),
+        (runs.rising[k], "starts", runs.hopf, "Hopf point"),
+    ):
+        if np.isfinite(passage.event):
+            near = f"; the {name} is at {beside:.4g}{unit}" if np.isfinite(beside) else ""
+            said.append(f"Oscillation {what} {rate} at {runs.parameter} = {passage.event:.4g}{unit}{near}.")
+    return tuple(said)
 
 
 def ramp_table(runs: Hysteresis) -> Table:

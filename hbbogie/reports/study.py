@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,11 +24,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 20  # failures listed
+SAMPLINGS = {"lhs": "Latin hypercube", "sobol": "Sobol's sequence", "saltelli": "Saltelli's points", "list": "listed"}
+NAMED = 4  # outputs in the summary
 MOST = 8  # inputs of parallel coordinates where none are named
 
 
 def report_of(
-    data: xr.Dataset, title: str, outputs: Sequence[str] = (), figures: Sequence[Mapping[str, Any]] = ()
+    data: xr.Dataset,
+    title: str,
+    outputs: Sequence[str] = (),
+    figures: Sequence[Mapping[str, Any]] = (),
 ) -> Report:
     """Return tables and figures of a study.
 
@@ -51,7 +57,7 @@ def report_of(
         raise ModelError("report: no point of this study is finished.")
     chosen = [n for n in (outputs or names_of(data, "outputs")) if outputs or not n.startswith("d")]
     numeric = [n for n in chosen if n in data and data[n].dtype.kind == "f"]
-    tables = [_about(data), _summary(data, numeric)]
+    tables = [_summary(data, numeric)]
     drawn: dict[str, Callable[[], Figure]] = {}
     given = names_of(data, "outputs")
     notes = [f"outputs: {unknown_name('output', n, given)}" for n in outputs if n not in given]
@@ -65,7 +71,17 @@ def report_of(
         drawn[f"{k}_{figure['kind']}"] = partial(drawn_or_reason, draws)
     if data["failed"].values.any():
         tables.append(_failures(data))
-    return Report(title, tuple(tables), {}, drawn, (*damage(data), *notes), {"attributes": dict(data.attrs)})
+    return Report(
+        title,
+        (*tables, _about(data)),
+        {},
+        drawn,
+        (*damage(data), *notes),
+        {"attributes": dict(data.attrs)},
+        summary=(*damage(data), *_sentences(data, numeric, tables)),
+        about=(_what(data),),
+        inputs=(_inputs(data),),
+    )
 
 
 def damage(data: xr.Dataset) -> tuple[str, ...]:
@@ -74,6 +90,69 @@ def damage(data: xr.Dataset) -> tuple[str, ...]:
     if not points:
         return ()
     return (f"Damaged in the store: {listed(points)}. Resume the study to compute these points anew.",)
+
+
+def _what(data: xr.Dataset) -> str:
+    """Return what the study did at how many points."""
+    a, done = data.attrs, data.sizes["point"]
+    problem = Path(str(a["problem"])).stem
+    job = str(a["job"]).rpartition(":")[2]
+    sampling = SAMPLINGS.get(str(a["sampling"]), str(a["sampling"]))
+    made = f"{sampling}, seed {a['seed']}" if a["seed"] != "" else sampling
+    return f"The job {job!r} of the problem {problem!r} at {done} of {a['total']} points ({made})."
+
+
+def _inputs(data: xr.Dataset) -> Table:
+    """Return the inputs with their units, distributions and ranges."""
+    nominal, drawn = (json.loads(data.attrs.get(key, "{}")) for key in ("nominal_inputs", "drawn"))
+    rows = []
+    for name in names_of(data, "inputs"):
+        v, own = data[name].values, data[name].attrs
+        ends, about = (float(v.min()), float(v.max())), drawn.get(name, ("", None, None))
+        rows.append((name, own.get("long_name", ""), own["units"] or "1", nominal[name], *ends, *about))
+    columns: tuple[str, ...] = "input", "what it is", "unit", "nominal", "from", "to", "drawn from", "5 %", "95 %"
+    formats: tuple[str, ...] = "", "", "", ".5g", ".5g", ".5g", "", ".5g", ".5g"
+    kept = slice(None) if drawn else slice(6)
+    note = "From, to: what the points reach. 5 %, 95 %: quantiles of the distribution."
+    return Table("inputs", "Inputs", columns[kept], tuple(r[kept] for r in rows), formats[kept], (note,) * bool(drawn))
+
+
+def _sentences(data: xr.Dataset, names: Sequence[str], tables: Sequence[Table]) -> tuple[str, ...]:
+    """Return what the study found: where the outputs lie, what is below a threshold, which input matters most."""
+    said, failed = [], int(data["failed"].values.sum())
+    done, total = data.sizes["point"], int(data.attrs["total"])
+    if done < total:
+        said.append(f"Incomplete: {done} of {total} points are finished.")
+    for name in names[:NAMED]:
+        v, unit = data[name].values, data[name].attrs["units"]
+        v, unit = v[np.isfinite(v)], "" if unit in ("", "1") else f" {unit}"
+        if len(v):
+            low, middle, high = np.quantile(v, (0.05, 0.5, 0.95))
+            said.append(
+                f"{name}: nine of ten points lie between {low:.4g} and {high:.4g}{unit}, the median is "
+                f"{middle:.4g}{unit}."
+            )
+    for table in tables:
+        if table.name.endswith("_exceedance"):
+            for side, threshold, share, low, high, *_ in table.rows:
+                what = table.title.partition(": ")[2].partition(" [")[0]
+                said.append(
+                    f"{what} lies {side} {threshold:g} with a probability of {100 * share:.2g} % "
+                    f"({100 * low:.2g} to {100 * high:.2g} %)."
+                )
+        if table.name.endswith("_sensitivity") and table.rows:
+            name, first, _, whole, error = max(table.rows, key=lambda row: row[3])
+            of = table.title.rpartition(" ")[2]
+            if not error < whole:
+                said.append(f"Which input matters most for {of} is not decided: the intervals exceed the indices.")
+                continue
+            said.append(
+                f"{name} matters most for {of}: alone it causes {100 * first:.0f} % of the variance, together with "
+                f"others {100 * whole:.0f} %."
+            )
+    if failed:
+        said.append(f"{failed} of {data.sizes['point']} points have no answer.")
+    return tuple(said)
 
 
 def _about(data: xr.Dataset) -> Table:

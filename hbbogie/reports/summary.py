@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,10 +55,47 @@ def diagram_sentences(system: System, found: Diagram, rest: Equilibria | None = 
         said.append(f"The equilibrium has a Hopf point at {_at(system, name, point.value)}{beside}.")
     if cycles and (largest := _largest(system, found)):
         said.append(largest)
+    lost = sum("No branch was traced" in note or note.startswith("Cycles at") for note in found.notes)
+    if lost:
+        said.append("Not all branches could be followed, and more may exist; the remarks say which and why.")
     if not found.branches and found.families:
         said.append("Cycles of every amplitude exist, as in a conservative system; a disturbance decides which.")
     elif not found.branches:
         said.append(f"No cycle was found {_between(system, name, found.interval).lower()}.")
+    return tuple(said)
+
+
+def branches_sentences(system: System, branches: Mapping[str, Branch]) -> tuple[str, ...]:
+    """Return what some branches over one parameter say, with what moves their lowest fold."""
+    many = {name: b for name, b in branches.items() if len(b) > 1}
+    if len({b.parameter for b in many.values()}) != 1:
+        return ()
+    values = np.concatenate([b.values for b in many.values()])
+    hopf = {s.value: s for b in many.values() for s in b.special if s.kind == "hopf"}
+    ends = float(values.min()), float(max(values.max(), max(hopf, default=-np.inf)))
+    parameter = next(iter(many.values())).parameter
+    found = Diagram(parameter, ends, list(hopf.values()), many, {}, [], ())
+    return (*diagram_sentences(system, found), *influence_sentences(system, fold_of_diagram(system, found)))
+
+
+def cycles_sentences(system: System, parameter: str, cycles: Sequence[Orbit]) -> tuple[str, ...]:
+    """Return what the cycles at one value of the parameter say, the smallest first."""
+    q = system.coordinate_names[0]
+    at = _at(system, parameter, system.values[parameter])
+    if not cycles:
+        return (f"No cycle was found at {at}.",)
+    said = [f"There {'is one cycle' if len(cycles) == 1 else f'are {len(cycles)} cycles'} at {at}."]
+    for o in cycles:
+        kind = {"stable": "stable", "unstable": "unstable"}.get(o.verdict, "not judged")
+        beyond = {
+            "stable": "motions near it end on it",
+            "unstable": "motions near it leave it",
+            "not judged": "whether motions near it stay is not known",
+        }[kind]
+        said.append(
+            f"One is {kind}, with a peak of {o.peaks()[q]} of {system.naming.plain(q)} at {o.frequency:.4g} Hz: "
+            f"{beyond}."
+        )
     return tuple(said)
 
 
@@ -78,16 +115,17 @@ def influence_sentences(system: System, found: Sequence[Critical]) -> tuple[str,
             continue
         strong = sorted(first.elasticities, key=lambda n: -abs(first.elasticities[n]))[:MOST]
         factor, unit = readable(system.parameter(first.parameter).unit, abs(first.value))
-        moved = [
-            f"{n} by {RAISED * 100:.0f} % moves it by {_signed(factor * RAISED * first.elasticities[n] * first.value)}"
-            f" {unit}".rstrip(" 1")
-            for n in strong
-            if abs(first.elasticities[n]) > FELT
-        ]
+        what = "Hopf point" if kind == "hopf" else "fold"
+        moved = []
+        for n in strong:
+            if abs(first.elasticities[n]) <= FELT:
+                continue
+            change = _signed(factor * RAISED * first.elasticities[n] * first.value)
+            by = f"by {change}{'' if unit in ('', '1') else ' ' + unit}"
+            moved.append(f"{system.naming.plain(n)} by {RAISED * 100:.0f} % moves it {by}")
         if moved:
-            what = "Hopf point" if kind == "hopf" else "fold"
-            begin = f"The {what} at {_at(system, first.parameter, first.value)}: "
-            said.append(f"{begin}raising {'; '.join(moved)} (to first order).")
+            begin = f"The {what} is at {_at(system, first.parameter, first.value)}. To first order, raising "
+            said.append(f"{begin}{'; '.join(moved)}.")
     return tuple(said)
 
 

@@ -156,7 +156,8 @@ class LinearPhases:
             before = (first > 0) == rising
             low, high = np.where(before, t, low), np.where(before, high, t)
             new = t - np.divide(first, second, out=np.full_like(t, np.inf), where=second != 0)
-            new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
+            there = np.abs(new - t) <= 1e-12 * step  # where round-off may lead out of the bracket
+            new = np.where(there | (new > low) & (new < high), new, 0.5 * (low + high))
             moved, t = np.abs(new - t) / step, new
             if moved.max() < TURNED:
                 break

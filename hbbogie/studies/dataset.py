@@ -65,6 +65,7 @@ def dataset_of(store: Store) -> xr.Dataset:
         "outputs": json.dumps(names),
         "sampling": about["sampling"],
         "seed": "" if about["seed"] is None else about["seed"],
+        "drawn": json.dumps(about.get("drawn", {})),
         "total": counts.total,
         "damaged": json.dumps(counts.damaged),
         "problem": about["problem"],

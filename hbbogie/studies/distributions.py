@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hbbogie.errors import ModelError, pair, unknown_name
 
 Array = NDArray[np.float64]
+WORDS = {"norm": "normal", "truncnorm": "truncated normal", "lognorm": "lognormal", "triang": "triangular"}
 DISTRIBUTIONS = ("uniform", "normal", "truncated_normal", "lognormal", "triangular")
 
 
@@ -29,6 +30,13 @@ def distribution(name: str, given: Any) -> Any:
         ) from None
     low, high = pair(f"parameter {name!r}", (low, high))
     return uniform(low, high - low)
+
+
+def in_words(given: Any) -> tuple[str, float, float]:
+    """Return the name of a frozen distribution, and its quantiles of 5 and 95 %."""
+    kind = getattr(getattr(getattr(given, "frozen", given), "dist", None), "name", "a distribution")
+    low, high = (float(q) for q in given.ppf(np.array([0.05, 0.95])))
+    return WORDS.get(kind, kind), low, high
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hbbogie.brief import brief
 from hbbogie.errors import ModelError, door, of_kind, positive, told
 from hbbogie.model.system import System
-from hbbogie.studies.distributions import distribution
+from hbbogie.studies.distributions import distribution, in_words
 from hbbogie.studies.optional import required
 from hbbogie.units import unit_factor
 
@@ -45,6 +45,8 @@ class Points:
         With which the same points are made again.
     units : mapping from name to str
         Of parameters whose values are in another unit than their own, until `of_system` has converted them.
+    drawn : mapping from name to (str, float, float)
+        What each was drawn from: the name of the distribution and its quantiles of 5 and 95 % [unit of the parameter].
     """
 
     names: tuple[str, ...]
@@ -52,6 +54,7 @@ class Points:
     kind: str
     seed: int | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    drawn: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -304,11 +307,13 @@ def _count(distributions: Mapping[str, Any], count: float) -> int:
 
 def _mapped(distributions: Mapping[str, Any], cube: Array, kind: str, seed: int) -> Points:
     """Return the points of the unit cube through the quantile functions."""
+    frozen = {name: distribution(name, d) for name, d in distributions.items()}
     columns = [
-        np.asarray(distribution(name, d).ppf(np.clip(u, INSIDE, 1 - INSIDE)), dtype=float)
-        for (name, d), u in zip(distributions.items(), cube.T, strict=True)
+        np.asarray(d.ppf(np.clip(u, INSIDE, 1 - INSIDE)), dtype=float)
+        for d, u in zip(frozen.values(), cube.T, strict=True)
     ]
-    return Points(tuple(distributions), np.stack(columns, axis=1), kind, seed)
+    drawn = {name: in_words(d) for name, d in frozen.items()}
+    return Points(tuple(distributions), np.stack(columns, axis=1), kind, seed, drawn=drawn)
 
 
 METHODS: dict[str, Callable[[Mapping[str, Any], int, int], Points]] = {

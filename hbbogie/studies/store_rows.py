@@ -41,7 +41,13 @@ class About(dict[str, Any]):
 
 def points_described(points: Points) -> dict[str, Any]:
     """Return what a store says about its points."""
-    return {"parameters": list(points.names), "sampling": points.kind, "seed": points.seed, "total": len(points)}
+    return {
+        "parameters": list(points.names),
+        "sampling": points.kind,
+        "seed": points.seed,
+        "total": len(points),
+        "drawn": dict(points.drawn),
+    }
 
 
 def checksum_of(values: Row) -> str:
