@@ -79,7 +79,7 @@ def problem_page(name: str) -> str:
     lines = [
         f"# {title_of(name)}",
         "",
-        f"![What `hbbogie run {name}` draws first](../../images/gallery_{name}.png)",
+        f"![The first picture of the job](../../images/gallery_{name}.png)",
         "",
         text,
         "",
