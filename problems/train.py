@@ -18,6 +18,8 @@ Assumptions: as of the problem `vehicle`; all vehicles are alike.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from hbbogie import ModelError, Parameter, System, load_problem
 
 VEHICLE = load_problem("vehicle")

@@ -11,10 +11,16 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import hbbogie as hb
-from hbbogie.commandline import app
-from hbbogie.commandline.application import ORDER, load, values_given
-from hbbogie.commandline.terminal import in_options, quantities
-from hbbogie.commandline.values import in_own_units, values_in
+from hbbogie.commandline import (
+    ORDER,
+    app,
+    in_options,
+    in_own_units,
+    load,
+    quantities,
+    values_given,
+    values_in,
+)
 from hbbogie.progress import silent
 
 runner = CliRunner()
