@@ -9,8 +9,8 @@ from pathlib import Path
 
 from hbbogie.errors import ModelError
 
-LEAST, EACH = 512 * 1024, 4000  # bytes reserved: at least, and for each point
-CHECKPOINT = 64  # pages of the write-ahead log, which then stays within the room reserved for it
+LEAST, EACH = 1024 * 1024, 4000  # bytes reserved: at least, and for each point
+CHECKPOINT = 192  # pages of the write-ahead log, which then stays within the room reserved for it
 
 
 def is_store(path: str | Path) -> bool:

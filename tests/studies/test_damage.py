@@ -156,10 +156,10 @@ import hbbogie as hb
 from hbbogie.studies import load_study, sweeps
 wanted, drive = load_study({path!r}), sweeps.drive
 
-def filled(runner, keep, report):
+def filled(*args):
     size = max(os.path.getsize(f) for f in ({store!r}, {store!r} + "-wal"))
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))  # to SQLite, a full disk
-    drive(runner, keep, report)
+    drive(*args)
 
 sweeps.drive = filled
 try:
