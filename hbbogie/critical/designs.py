@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,7 +79,7 @@ def critical_speeds_of(
     Where the system is linear between the switchings of piecewise-linear laws, all designs are solved for together, in
     closed form: the folds are those of exact cycles, without harmonics that are left out, and the search begins at the
     fold of the system's own parameter values. Where that fails, the branches of the design are followed from its Hopf
-    points. Any other system is done one design at a time by `critical_speeds`.
+    points. Designs for which that fails, too, and any other system, are done one at a time by `critical_speeds`.
 
     Parameters
     ----------
@@ -115,7 +115,12 @@ def critical_speeds_of(
     >>> bool(found.fold_gradient["lam"][1] < 0)
     True
     """
-    given = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in points.items()}
+    try:
+        given = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in points.items()}
+    except (TypeError, ValueError) as error:
+        raise ModelError(
+            f"critical_speeds_of: the points are no numbers ({error}); give one for each design."
+        ) from None
     if parameter in given:
         raise ModelError(f"critical_speeds_of: {parameter!r} is what is looked for; leave it out of the points.")
     if not given:
@@ -146,10 +151,27 @@ def critical_speeds_of(
     def by_name(gradient: Array) -> dict[str, Array]:
         return {name: gradient[:, i] for i, name in enumerate(names) if name != parameter}
 
-    return CriticalDesigns(
+    known = CriticalDesigns(
         parameter, designs, found.fold, found.fold_omega, by_name(found.fold_gradient), hopf.value, hopf.omega,
         by_name(hopf.gradient), found.failed, found.complete, found.status,
     )  # fmt: skip
+    lost = np.flatnonzero(known.failed)
+    if not len(lost):
+        return known
+    return _filled(known, lost, _one_by_one(system, {n: v[lost] for n, v in designs.items()}, parameter, span))
+
+
+def _filled(known: CriticalDesigns, lost: NDArray[np.int_], others: CriticalDesigns) -> CriticalDesigns:
+    """Return critical values with those of some designs, for which the search in closed form failed, from another."""
+    for name in ("fold", "fold_omega", "hopf", "hopf_omega", "failed", "complete"):
+        getattr(known, name)[lost] = getattr(others, name)
+    for kind in ("fold_gradient", "hopf_gradient"):
+        for name, slopes in getattr(others, kind).items():
+            getattr(known, kind)[name][lost] = slopes
+    status = list(known.status)
+    for d, said in zip(lost, others.status, strict=True):
+        status[d] = f"{status[d]}; one by one: {said}"
+    return replace(known, status=tuple(status))
 
 
 def _one_by_one(

@@ -122,10 +122,13 @@ def critical_of_many(
     nominal = _nominal(system, parameter, span)
     found = nominal.critical_values(np.array([one.vector() for one in systems]))
     heights = iter(peaks([fold for fold in found.folds if fold]))
-    return [
+    rows = [
         _outputs(one, found, d, next(heights) if found.folds[d] else None, parameter, gradients)
         for d, one in enumerate(systems)
     ]
+    for d in np.flatnonzero(found.failed):  # where the closed form is lost, harmonic balance may not be
+        rows[d] = smallest_critical(systems[d], parameter, span, gradients=gradients)
+    return rows
 
 
 def _nominal(system: System, parameter: str, span: tuple[float, float]) -> NominalDesign:

@@ -69,6 +69,11 @@ def test_what_cannot_be_asked(bogie):
         ({"lam": [[0.05]]}, "one number for each design"),
         ({"lamda": [0.05]}, "Did you mean 'lam'"),
         ({"lam": [0.05, np.nan]}, "finite number"),
+        ({"lam": [0.05, np.inf]}, "finite number"),
+        ({"lam": ["much"]}, "no numbers"),
+        ({"lam": None}, "finite number"),
+        ({"lam": [0.05, 1e300]}, "from"),
+        ({"lam": [[0.05], [0.06, 0.07]]}, "no numbers"),
     ):
         with pytest.raises(ModelError, match=message):
             critical_speeds_of(bogie, points, interval=SPAN)
@@ -95,3 +100,18 @@ def test_what_is_said_to_be_complete_was_followed(bogie):
     for d in range(2):
         assert found.complete[d] == ("not followed" not in found.status[d])
         assert np.isfinite(found.fold[d]) or "no fold" in found.status[d]
+
+
+def test_a_design_that_is_lost_in_closed_form_is_done_by_itself(bogie, monkeypatch):
+    """SOLVER: as if all branches had been lost; the answer is that of the search for one design."""
+    lost = "it is not known whether there is a fold"
+    monkeypatch.setattr("hbbogie.exact.critical._followed", lambda *args: (None, (None, lost, True, False)))
+    monkeypatch.setattr("hbbogie.exact.critical.folds_near", lambda nominal, p: ({}, {}))
+    found = critical_speeds_of(bogie, {"lam": [0.05, 0.06]}, interval=SPAN)
+    assert not found.failed.any() and found.complete.all() and all(s.startswith(lost) for s in found.status)
+    for d, lam in enumerate((0.05, 0.06)):
+        (fold, hopf) = hb.critical_speeds(bogie, "V", SPAN, lam=lam)[:2]
+        assert found.fold[d] == pytest.approx(fold.value, rel=1e-10)
+        assert found.hopf[d] == pytest.approx(hopf.value, rel=1e-10)
+        assert found.fold_gradient["K2"][d] == pytest.approx(fold.gradient["K2"], rel=1e-9)
+        assert found.hopf_gradient["K2"][d] == pytest.approx(hopf.gradient["K2"], rel=1e-9)
