@@ -74,7 +74,7 @@ def problem_page(name: str) -> str:
     text = re.sub(r"(?m)(?:^ {4,}.*\n(?:\n(?= {4}))?)+", lambda m: f"```text\n{m[0].rstrip()}\n```\n", text)
     source = Path(module.__file__ or "")
     files = [source] if source.name != "__init__.py" else sorted(source.parent.glob("*.py"))
-    rows = [f"| `{p.name}` | {p.default:.10g} | {p.unit} | {p.description} |" for p in system.parameters]
+    rows = [f"| `{p.name}` | {p.default:g} | {p.unit} | {p.description} |" for p in system.parameters]
     parameter, (low, high) = default_interval(module, system)
     lines = [
         f"# {title_of(name)}",
