@@ -57,9 +57,14 @@ def _examples(found: re.Match[str]) -> str:
 
 
 def picture_of(name: str) -> str:
-    """Return the picture of a problem: a moving one, where there is one."""
-    moving = f"{name}_hunting.gif"
-    return moving if (DOCS / "images" / moving).exists() else f"gallery_{name}.png"
+    """Return the picture of a problem: a moving one, where there is one; nothing, where none is drawn yet."""
+    drawn = [p for p in (f"{name}_hunting.gif", f"gallery_{name}.png") if (DOCS / "images" / p).exists()]
+    return drawn[0] if drawn else ""
+
+
+def image_of(name: str) -> str:
+    """Return the line of a card that shows its picture."""
+    return f":img-top: ../../images/{picture_of(name)}\n" if picture_of(name) else ""
 
 
 def title_of(name: str) -> str:
@@ -79,7 +84,7 @@ def problem_page(name: str) -> str:
     lines = [
         f"# {title_of(name)}",
         "",
-        f"![The first picture of the job](../../images/gallery_{name}.png)",
+        f"![The first picture of the job](../../images/gallery_{name}.png)" if picture_of(name) else "",
         "",
         text,
         "",
@@ -102,8 +107,7 @@ def gallery_page() -> str:
     """Return the gallery: a card for each problem."""
     names = shipped_problems()
     cards = [
-        f":::{{grid-item-card}} {name}\n:img-top: ../../images/{picture_of(name)}\n:link: {name}\n:link-type: doc\n\n"
-        f"{title_of(name)}.\n:::\n"
+        f":::{{grid-item-card}} {name}\n{image_of(name)}:link: {name}\n:link-type: doc\n\n{title_of(name)}.\n:::\n"
         for name in names
     ]
     return "\n".join(
