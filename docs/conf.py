@@ -11,7 +11,9 @@ from pathlib import Path
 import hbbogie
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
-os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")  # in the kernels of the notebooks
+# the kernels of the notebooks inherit these; they show figures only where no other backend is asked for
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+os.environ.pop("MPLBACKEND", None)
 
 project = "hbbogie"
 author = "the hbbogie developers"

@@ -196,9 +196,10 @@ def oregonator() -> Figure:
 def first_picture(name: str) -> Figure:
     """Return the first picture that `hbbogie run` draws of a problem: for the gallery."""
     module = hb.load_problem(name)
-    if name == "vehicle":  # whose whole job takes minutes: a motion that settles on hunting
-        motion = hb.simulate(module.SYSTEM(V=110.0), {"y1": 0.006}, 6.0)
-        return plot.figure_of(plot.time_history(motion, "y1"))
+    if name in ("vehicle", "train"):  # whose whole job takes minutes: a motion that settles on hunting
+        system = module.SYSTEM(V=110.0)
+        first = next(c for c in system.coordinate_names if c.startswith("y1"))
+        return plot.figure_of(plot.time_history(hb.simulate(system, {first: 0.006}, 6.0), first))
     figures = run_of(module, module.SYSTEM()).figures
     return next(iter(figures.values()))()
 

@@ -57,9 +57,14 @@ def _examples(found: re.Match[str]) -> str:
 
 
 def picture_of(name: str) -> str:
-    """Return the picture of a problem: a moving one, where there is one."""
-    moving = f"{name}_hunting.gif"
-    return moving if (DOCS / "images" / moving).exists() else f"gallery_{name}.png"
+    """Return the picture of a problem: a moving one, where there is one; nothing, where none is drawn yet."""
+    drawn = [p for p in (f"{name}_hunting.gif", f"gallery_{name}.png") if (DOCS / "images" / p).exists()]
+    return drawn[0] if drawn else ""
+
+
+def image_of(name: str) -> str:
+    """Return the line of a card that shows its picture."""
+    return f":img-top: ../../images/{picture_of(name)}\n" if picture_of(name) else ""
 
 
 def title_of(name: str) -> str:
@@ -74,12 +79,12 @@ def problem_page(name: str) -> str:
     text = re.sub(r"(?m)(?:^ {4,}.*\n(?:\n(?= {4}))?)+", lambda m: f"```text\n{m[0].rstrip()}\n```\n", text)
     source = Path(module.__file__ or "")
     files = [source] if source.name != "__init__.py" else sorted(source.parent.glob("*.py"))
-    rows = [f"| `{p.name}` | {p.default:.10g} | {p.unit} | {p.description} |" for p in system.parameters]
+    rows = [f"| `{p.name}` | {p.default:g} | {p.unit} | {p.description} |" for p in system.parameters]
     parameter, (low, high) = default_interval(module, system)
     lines = [
         f"# {title_of(name)}",
         "",
-        f"![The first picture of the job](../../images/gallery_{name}.png)",
+        f"![The first picture of the job](../../images/gallery_{name}.png)" if picture_of(name) else "",
         "",
         text,
         "",
@@ -102,8 +107,7 @@ def gallery_page() -> str:
     """Return the gallery: a card for each problem."""
     names = shipped_problems()
     cards = [
-        f":::{{grid-item-card}} {name}\n:img-top: ../../images/{picture_of(name)}\n:link: {name}\n:link-type: doc\n\n"
-        f"{title_of(name)}.\n:::\n"
+        f":::{{grid-item-card}} {name}\n{image_of(name)}:link: {name}\n:link-type: doc\n\n{title_of(name)}.\n:::\n"
         for name in names
     ]
     return "\n".join(

@@ -58,6 +58,8 @@ STYLE: dict[str, Any] = {
 
 def style() -> AbstractContextManager[None]:
     """Return a context in which matplotlib draws in the style of this module."""
+    # a backend that is loaded inside the context is no longer interactive after it: notebooks would show one figure
+    plt.draw_if_interactive()
     return plt.rc_context(STYLE)  # type: ignore[arg-type, unused-ignore]
 
 
