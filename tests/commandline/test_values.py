@@ -158,6 +158,7 @@ def test_steps_are_logged(caplog):
     result = call("cycles", "van_der_pol", "--harmonics", 3, "-v", "--json")
     assert result.exit_code == 0 and "hbbogie looking for cycles" in result.stderr
     json.loads(result.stdout)
+    assert "leave one out" in str(call("cycles", "van_der_pol", "-v", "-q").exception)
 
 
 def test_where_a_family_begins_methods_are_compared_on_the_branch_through_a_cycle():
