@@ -1,6 +1,3 @@
-from .application import ORDER as ORDER
-from .application import load as load
-from .application import values_given as values_given
 from .main import app as app
 from .terminal import in_options as in_options
 from .terminal import print_table as print_table

@@ -90,6 +90,12 @@ def numbers(texts: Sequence[str] | None, option: str) -> dict[str, float]:
 def quantities(texts: Sequence[str] | None, option: str) -> dict[str, tuple[float, str]]:
     """Return the names, numbers and units of texts such as "V=324 km/h"; the unit is empty where none is given.
 
+    Parameters
+    ----------
+    texts : sequence of str, or None
+    option : str
+        That gives them, for messages.
+
     Raises
     ------
     ModelError
@@ -110,6 +116,8 @@ def listed(text: str, option: str) -> list[float]:
 
 def set_loudness(no_progress: bool, every_step: bool) -> None:
     """Say how much the command tells while it works; every step goes to the logger "hbbogie", on standard error."""
+    if no_progress and every_step:
+        raise ModelError("--quiet and --verbose are both given; leave one out.")
     quiet.set(no_progress)
     verbose.set(every_step)
     if every_step:
@@ -230,7 +238,12 @@ def _print_grid(rows: list[list[str]], numeric: list[bool], out: Console) -> Non
 
 
 def in_options(text: str) -> str:
-    """Return a sentence with options of the command line for the keywords of the functions behind it."""
+    """Return a sentence with options of the command line for the keywords of the functions behind it.
+
+    Parameters
+    ----------
+    text : str
+    """
     text = re.sub(r"\b\w+=(?:\{[^}]*\}|\S+) \((--[^)]+)\)", r"\1", text)  # that names both
     for keyword, option in KEYWORDS.items():
         text = text.replace(keyword, option)

@@ -99,7 +99,7 @@ def branch(
     draw_limits(ax, limits, name, own_unit, factor, float(many[0].values[0]))
     part = " the periodic part of" * running
     ax.set_ylabel(bracketed(f"{quantity} of{part} {many[0][0].naming.plain(name)}", unit))
-    if ax.dataLim.y0 >= 0:
+    if ax.dataLim.y0 >= 0 and ax.dataLim.y1 > 0:
         ax.set_ylim(-0.025 * ax.dataLim.y1, 1.04 * ax.dataLim.y1)  # room for a marker at zero
     if given is None and not points:
         _inset(ax, many, height, special, labels)

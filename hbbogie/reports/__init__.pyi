@@ -7,6 +7,7 @@ from .comparison import verdicts as verdicts
 from .conicity import conicity_of as conicity_of
 from .critical import critical_of as critical_of
 from .cycle_tables import cycles_table as cycles_table
+from .cycle_tables import outputs_table as outputs_table
 from .cycles import figures_of_paper as figures_of_paper
 from .cycles import identification as identification
 from .cycles import run_of as run_of

@@ -96,8 +96,7 @@ def _outputs(branches: Sequence[Branch], names: Sequence[str], **about: Any) -> 
     )
     places = [ax for row in grid for ax in row]
     for ax, name in zip(places, names, strict=False):
-        plot.branch(branches, y=name, ax=ax, **about).set_title(name, fontsize=10)
-        ax.set_ylabel(ax.get_ylabel().replace(name, "").replace("  ", " "))
+        plot.branch(branches, y=name, ax=ax, **about)
     for ax in places[len(names) :]:
         ax.set_axis_off()
     return plot.one_legend(figure)

@@ -40,7 +40,9 @@ class Naming:
         return isinstance(name, str) and name in self.outputs
 
     def plain(self, name: str) -> str:
-        """Return a name behind its description, such as "speed V"."""
+        """Return a name behind its description, such as "speed V"; that of an output is plain already."""
+        if name in self.outputs:
+            return name
         return f"{self.descriptions.get(name, '')} {name}".strip()
 
     def label(self, name: str) -> str:

@@ -24,7 +24,7 @@ from hbbogie import (
 from hbbogie.branches import ORDERS, crossings, estimate, exact_crossings, exact_walk
 from hbbogie.motion import settle
 from hbbogie.progress import Progress
-from hbbogie.reports import Report, Table
+from hbbogie.reports import Report, Table, outputs_table
 from hbbogie.results import SpecialPoint
 
 from .bogie import PARAMETER, RANGE, TABLE_1, State
@@ -88,6 +88,7 @@ def study(system: System, progress: Progress) -> Report:
     convergence = harmonic_convergence(system, rows, hopf[0], H)
     tables = (table_of_states(rows, H), table_of_deviations(rows), convergence)
     both = [o.replace(stability=floquet(system, o)) for o in crossings(balance, branch, 90.0)]
+    tables += (outputs_table(both, "Outputs of the cycles at 90 m/s"),) if both else ()
     folds = [f"{f.value:.4f} m/s" for f in branch.folds()]
     notes = (
         f"Linear critical speed {hopf[0].value:.3f} m/s, omega {hopf[0].omega:.4f} rad/s "

@@ -201,7 +201,7 @@ def test_wrong_files_and_names_for_plot(tmp_path):
     call("branch", "bautin", "--no-stability", "--output", tmp_path)
     for option, message in (
         (("--coordinate", "z"), "unknown coordinate 'z'"),
-        (("--quantity", "mean"), "unknown quantity 'mean'"),
+        (("--quantity", "median"), "unknown quantity 'median'"),
         (("--output", "figure.xyz"), "ends in .png"),
     ):
         result = call("plot", "branch.nc", *option)
