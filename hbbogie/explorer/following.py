@@ -25,6 +25,7 @@ from hbbogie.results.failure import FAILURES
 from hbbogie.solving.solvers import solve
 
 HARMONICS = 15  # highest harmonic of harmonic balance
+LARGEST = 20  # states of a system without closed form
 SECONDS = 60.0  # after which a search ends with what was found
 
 
@@ -80,10 +81,10 @@ def explored(system: System, view: View, before: Explored | None = None, *, seco
         Time after which the search ends with what was found.
     """
     here = system.with_parameters(**view.values)
-    rest = find_equilibria(here, view.parameter, view.interval)
     equations = equations_of(here)
-    hopf, anew = rest.special("hopf"), False
     with time_limit(seconds):
+        rest = find_equilibria(here, view.parameter, view.interval)
+        hopf, anew = rest.special("hopf"), False
         found = None
         if before is not None and before.complete and before.curves and before.view.parameter == view.parameter:
             found = _onwards(equations, view, hopf, before)
@@ -93,6 +94,16 @@ def explored(system: System, view: View, before: Explored | None = None, *, seco
         if isinstance(equations, ExactEquations) and not exact:
             equations = HarmonicBalance(HARMONICS).equations(here)
         return Explored(view, here, equations, found, rest, not time_is_over(), anew)
+
+
+def check_explorable(system: System) -> None:
+    """Raise `ModelError` for a system whose diagram would take minutes."""
+    if system.n_states > LARGEST and not isinstance(equations_of(system), ExactEquations):
+        raise ModelError(
+            f"explore: system {system.name!r} has {system.n_states} states and no cycles in closed form, so that one "
+            f"diagram would take minutes. Systems of up to {LARGEST} states, and those that are linear between "
+            "switchings, can be explored; use the command branch for this one."
+        )
 
 
 def equations_of(system: System) -> Equations | ExactEquations:
