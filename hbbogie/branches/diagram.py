@@ -133,7 +133,7 @@ def bifurcation_diagram(
     notes += said if harmonics == "auto" else []
     if _holds_family(traced, interval, system.values[parameter]):
         cycles = []  # what was found is but one of the family
-    families = [_cut(b, HarmonicBalance(H).equations(system)) for b in traced if is_family(b, interval)]
+    families = [shown_part(b, HarmonicBalance(H).equations(system)) for b in traced if is_family(b, interval)]
     if stability:
         traced = about.traced(H, cycles or (), True, notes)
     branches = [b for b in traced if not is_family(b, interval)]
@@ -283,7 +283,7 @@ def _holds_family(
     return any(is_family(b, interval) and abs(b.values[0] - value) <= width for b in traced)
 
 
-def _cut(family: Branch, equations: Equations) -> Branch:
+def shown_part(family: Branch, equations: Equations) -> Branch:
     """Return the family up to a largest peak of the coordinate that sets the phase, by growing amplitude."""
     name = equations.system.coordinate_names[equations.phase or 0]
     peak = family.amplitude(name)

@@ -9,7 +9,7 @@ from typing import Any
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, is_family
 from hbbogie.branches.cycles import find_cycles
-from hbbogie.branches.diagram import Diagram, bifurcation_diagram
+from hbbogie.branches.diagram import Diagram, bifurcation_diagram, shown_part
 from hbbogie.branches.same import once_each
 from hbbogie.brief import brief
 from hbbogie.deadline import time_is_over, time_limit
@@ -25,7 +25,8 @@ from hbbogie.results.failure import FAILURES
 from hbbogie.solving.solvers import solve
 
 HARMONICS = 15  # highest harmonic of harmonic balance
-SECONDS = 20.0  # after which a search ends with what was found
+LARGEST = 20  # states of a system without closed form
+SECONDS = 60.0  # after which a search ends with what was found
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,18 +81,29 @@ def explored(system: System, view: View, before: Explored | None = None, *, seco
         Time after which the search ends with what was found.
     """
     here = system.with_parameters(**view.values)
-    rest = find_equilibria(here, view.parameter, view.interval)
     equations = equations_of(here)
-    hopf, anew = rest.special("hopf"), False
     with time_limit(seconds):
+        rest = find_equilibria(here, view.parameter, view.interval)
+        hopf, anew = rest.special("hopf"), False
         found = None
-        if before is not None and before.view.parameter == view.parameter:
+        if before is not None and before.complete and before.curves and before.view.parameter == view.parameter:
             found = _onwards(equations, view, hopf, before)
         if found is None:
             found, anew = _searched(equations, view, hopf), True
-        if isinstance(equations, ExactEquations) and not all(_exact(b) for b in found.branches.values()):
+        exact = bool(found.branches) and all(_exact(b) for b in found.branches.values())
+        if isinstance(equations, ExactEquations) and not exact:
             equations = HarmonicBalance(HARMONICS).equations(here)
         return Explored(view, here, equations, found, rest, not time_is_over(), anew)
+
+
+def check_explorable(system: System) -> None:
+    """Raise `ModelError` for a system whose diagram would take minutes."""
+    if system.n_states > LARGEST and not isinstance(equations_of(system), ExactEquations):
+        raise ModelError(
+            f"explore: system {system.name!r} has {system.n_states} states and no cycles in closed form, so that one "
+            f"diagram would take minutes. Systems of up to {LARGEST} states, and those that are linear between "
+            "switchings, can be explored; use the command branch for this one."
+        )
 
 
 def equations_of(system: System) -> Equations | ExactEquations:
@@ -147,7 +159,7 @@ def _onwards(
 ) -> Diagram | None:
     """Return the diagram from its Hopf points and from the cycles of one before; None where these lead nowhere."""
     if before.diagram.families and not before.diagram.branches:
-        return None  # cycles of every amplitude lie at one value, which may have moved
+        return _families_onwards(equations.system, view, hopf, before)
     notes: list[str] = []
     found = [b for point in hopf for b in _traced(equations, point, view, notes)]
     onward = [s for b in found for s in b.special if s.onward is not None]
@@ -167,11 +179,25 @@ def _onwards(
             return None
         found += more
         onward += [s for s in more[0].special if s.onward is not None]
-    if isinstance(equations, Equations):
-        for point in onward:
+    for point in onward:
+        beyond = equations
+        if isinstance(equations, Equations):
             H = 2 * HARMONICS if point.kind == "period doubling" else HARMONICS
-            found += _traced(HarmonicBalance(H, odd=False).equations(equations.system), point, view, notes)
-    return _diagram(view, hopf, found, notes) if found or not before.diagram.branches else None
+            beyond = HarmonicBalance(H, odd=False).equations(equations.system)
+        found += _traced(beyond, point, view, notes)
+    return _diagram(view, hopf, found, notes) if found else None
+
+
+def _families_onwards(system: System, view: View, hopf: Sequence[SpecialPoint], before: Explored) -> Diagram | None:
+    """Return the families of cycles of every amplitude, each from one of its cycles; None where one is lost."""
+    equations, notes = HarmonicBalance(HARMONICS).equations(system), list[str]()
+    found: list[Branch] = []
+    for family in before.diagram.families.values():
+        more = _traced(equations, family.orbits[len(family) // 2], view, notes)
+        if not more or not is_family(more[0], view.interval):
+            return None  # cycles may now depend on the parameter
+        found.append(shown_part(more[0], equations))
+    return _diagram(view, hopf, found, notes)
 
 
 def _lost(before: Explored, found: Sequence[Branch]) -> Iterator[Orbit]:

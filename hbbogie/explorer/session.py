@@ -12,7 +12,7 @@ from typing import Any
 
 from hbbogie.errors import ModelError, as_number
 from hbbogie.exact.method import ExactEquations
-from hbbogie.explorer.following import Explored, equations_of, explored
+from hbbogie.explorer.following import Explored, check_explorable, equations_of, explored
 from hbbogie.explorer.picture import cycle_at, cycle_data, diagram_data
 from hbbogie.explorer.script import script_of
 from hbbogie.explorer.view import View, reach_of, view_of
@@ -38,9 +38,15 @@ class Session:
     system : System
         At the values with which the session begins.
     first : View
+
+    Raises
+    ------
+    ModelError
+        For a system whose diagram would take minutes.
     """
 
     def __init__(self, problem: str, module: ModuleType, system: System, first: View):
+        check_explorable(system)
         self.problem, self.module, self.system, self.first = problem, module, system, first
         self._known: OrderedDict[str, Explored] = OrderedDict()
         self._turn = threading.Lock()
@@ -59,7 +65,7 @@ class Session:
         said = (
             "Cycles in closed form: every move of a slider is answered at once."
             if exact
-            else "Cycles by harmonic balance, followed from those before: a move of a slider may take a second."
+            else "Cycles by harmonic balance, followed from those before: a move of a slider may take some seconds."
         )
         about = (self.module.__doc__ or "").strip().partition("\n")[0]
         content = {"system": self.system.name, "about": about, "problem": self.problem, "said": said}
