@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hbbogie.brief import brief
 
 Array = NDArray[np.float64]
+FAMILY = 1e-6  # smallest singular value, relative to the largest, of an isolated cycle's equations
 WIDTH = 16  # rows of a group of intervals: a few at once for small systems, for which the calls cost more than the sums
 
 
@@ -73,12 +74,20 @@ class Reduced:
         return float((-1) ** turned * np.linalg.slogdet(self.matrix)[0])
 
     @property
+    def family(self) -> bool:
+        """Whether the bordered equations are singular: the cycle is one of a family, or a fold."""
+        sizes = np.linalg.svd(self.matrix, compute_uv=False)
+        return bool(sizes[-1] <= FAMILY * sizes[0])
+
+    @property
     def singular(self) -> float:
         """Smallest singular value of the bordered equations with the sign of the determinant."""
         return self.sign * float(np.linalg.svd(self.matrix, compute_uv=False)[-1])
 
-    def solve(self) -> tuple[Array, Array]:
+    def solve(self, shortest: bool = False) -> tuple[Array, Array]:
         """Return the states where the intervals begin, shape (N, n), and (T, parameter).
+
+        Of many solutions, as in a family of cycles, the shortest in the unknowns that are left if that is asked for.
 
         Raises
         ------
@@ -86,7 +95,8 @@ class Reduced:
             Where the equations are singular.
         """
         n = len(self.C)
-        y = np.linalg.solve(self.matrix, np.append(self.G[:, 2], self.border[:, -1]))
+        right = np.append(self.G[:, 2], self.border[:, -1])
+        y = np.linalg.lstsq(self.matrix, right, rcond=FAMILY)[0] if shortest else np.linalg.solve(self.matrix, right)
         x, rest = y[None, :n], np.append(-y[n:], 1.0)
         for level in self.levels[::-1]:
             K = len(level.R)

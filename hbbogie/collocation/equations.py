@@ -139,7 +139,8 @@ class OnMesh:
             (end - g.begin * x - np.einsum("j,ijn->in", g.d, X)).ravel(),
             [float((row * (X - reference)).sum())],
         ]
-        return Linearised(self, np.concatenate(residual), A, ahead, g.a @ slope, row)
+        rate = g.basis(np.zeros(1), 1)[0] @ values[0] / self.size
+        return Linearised(self, np.concatenate(residual), A, ahead, g.a @ slope, row, rate)
 
 
 @dataclass(eq=False)
@@ -157,6 +158,8 @@ class Linearised:
         Integrals of the rates and of their derivative in the parameter from the beginning to each stage.
     phase : ndarray, shape (N, m, n_states)
         The row of the phase.
+    rate : ndarray, shape (n_states,)
+        Scaled derivative at the beginning of the period, in shares of the first interval.
     """
 
     equations: OnMesh
@@ -165,6 +168,7 @@ class Linearised:
     ahead: Array
     slope: Array
     phase: Array
+    rate: Array
     reduced: Reduced | None = None
     transitions: Array | None = None
 
@@ -180,8 +184,8 @@ class Linearised:
         S[:, k, k] += 1
         return S
 
-    def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
-        """Solve the equations bordered by one more row, see `hbbogie.solving.curve.Linearised`."""
+    def solve(self, plane: Array, right: Array, shortest: bool = False) -> tuple[Array, float]:
+        """Solve the equations bordered by one more row, see `hbbogie.solving.curve.Linearised` and `Reduced.solve`."""
         e, g = self.equations, self.equations.gauss
         N, m, n, k = e.N, e.m, e.n, e.N * e.m * e.n
         columns = np.empty((N, m, n, n + 3))
@@ -202,7 +206,7 @@ class Linearised:
         border[1] += plane[k:-2].reshape(N, n)
         eye = np.broadcast_to(np.eye(n), (N, n, n))
         self.reduced = reduced(-self.transitions, eye, G, border, corner)
-        states, rest = self.reduced.solve()
+        states, rest = self.reduced.solve(shortest)
         stages = (response[..., :n] @ states[:, None, :, None])[..., 0] + response[..., n:] @ np.append(rest, 1.0)
         return np.concatenate([stages.ravel(), states.ravel(), rest]), self.reduced.sign
 

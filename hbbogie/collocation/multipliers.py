@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from scipy.linalg import eig
 from hbbogie.brief import brief
 from hbbogie.collocation.equations import Linearised
 from hbbogie.results.orbit import Stability
-from hbbogie.stability.multipliers import sides
+from hbbogie.stability.multipliers import sides, trivial_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -34,19 +35,22 @@ class Spectrum:
     singular : float
         Smallest singular value of the bordered equations with the sign of their determinant, which changes where
         branches cross.
+    rate : ndarray, shape (n_states,)
+        Scaled rate at the beginning of the period: the direction of the trivial multiplier.
     """
 
     values: Complex
     vectors: Complex
     divergence: float
     singular: float
+    rate: Array
 
     __repr__ = brief
 
-    @property
+    @cached_property
     def trivial(self) -> int:
         """Place of the trivial multiplier."""
-        return int(np.argmin(np.abs(self.values - 1)))
+        return trivial_of(self.values, self.vectors, self.rate, np.ones(len(self.rate)))
 
     @property
     def others(self) -> Complex:
@@ -69,7 +73,7 @@ def spectrum_of(line: Linearised) -> Spectrum:
         values = np.where(alpha[1] == 0, np.inf, alpha[0] / alpha[1])
     order = np.argsort(-np.abs(values), kind="stable")
     divergence = float(np.einsum("j,ijkk->", line.equations.gauss.b, line.A))
-    return Spectrum(values[order].astype(complex), vectors[:, order], divergence, last.singular)
+    return Spectrum(values[order].astype(complex), vectors[:, order], divergence, last.singular, line.rate)
 
 
 def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array) -> Stability:

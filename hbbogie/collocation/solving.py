@@ -90,21 +90,17 @@ def newton(equations: OnMesh, u: Array, tolerance: float = RESIDUAL) -> tuple[Ar
     line, met = equations.linearise(u), False
     error = _size(line)
     for iteration in range(ITERATIONS):
-        try:
-            step, _ = line.solve(plane, -np.append(line.residual, 0.0))
-        except np.linalg.LinAlgError:
-            break
-        if met:
-            return u, line
-        alpha, better = min(1.0, FARTHEST / max(abs(float(step[-2])), 1e-300)), None
-        for _ in range(HALVINGS):
-            trial = u + alpha * equations.scale * step
-            with np.errstate(all="ignore"):
-                there = equations.linearise(trial)
-            if (size := _size(there)) < error or (alpha == 1.0 and size <= tolerance):
-                better = trial, there, size
+        better = None
+        for shortest in (False, True):  # of a family of cycles the correction to the nearest
+            try:
+                step, _ = line.solve(plane, -np.append(line.residual, 0.0), shortest)
+            except np.linalg.LinAlgError:
+                continue
+            if met:
+                return u, line
+            better = _improved(equations, u, step, error, tolerance)
+            if better is not None or line.reduced is None or not line.reduced.family:
                 break
-            alpha /= 2
         if better is None:
             # of stiff equations what is left is round-off
             if error <= 1e3 * tolerance and iteration:
@@ -116,6 +112,21 @@ def newton(equations: OnMesh, u: Array, tolerance: float = RESIDUAL) -> tuple[Ar
         f"system {equations.rates.system.name!r}: Newton's method did not converge on {equations.N} intervals, largest "
         f"scaled residual {error:.2g}; the guess is too far from a cycle, or there is none."
     )
+
+
+def _improved(
+    equations: OnMesh, u: Array, step: Array, error: float, tolerance: float
+) -> tuple[Array, Linearised, float] | None:
+    """Return unknowns a step leads to, halved until the residual falls, with the equations there and the residual."""
+    alpha = min(1.0, FARTHEST / max(abs(float(step[-2])), 1e-300))
+    for _ in range(HALVINGS):
+        trial = u + alpha * equations.scale * step
+        with np.errstate(all="ignore"):
+            there = equations.linearise(trial)
+        if (size := _size(there)) < error or (alpha == 1.0 and size <= tolerance):
+            return trial, there, size
+        alpha /= 2
+    return None
 
 
 def _size(line: Linearised) -> float:
@@ -152,6 +163,8 @@ def errors_of(equations: OnMesh, u: Array, plane: Array | None = None) -> tuple[
         plane = np.zeros(len(v))
         plane[-1] = 1.0
     step, _ = line.solve(plane, -np.append(line.residual, 0.0))
+    if line.reduced is not None and line.reduced.family:
+        step, _ = line.solve(plane, -np.append(line.residual, 0.0), shortest=True)
     states = np.abs(step[finer.N * finer.m * finer.n : -2]).reshape(finer.N, finer.n)
     rate = evaluated(finer.mesh, finer.unpack(v)[0] / finer.size, finer.mesh[:-1], 1)
     curve = float((states / np.maximum(1.0, np.abs(rate))).max())
@@ -272,7 +285,7 @@ def collocated(
         )
         return collocated(system, once, degree=degree, intervals=intervals, tolerance=tolerance, stability=stability)
     judge = (spectrum_of(line), spectrum_of(finer)) if stability else None
-    return finished(equations, u, _size(line), errors, judge)
+    return finished(equations, u, _size(line), errors, judge, line.reduced is not None and line.reduced.family)
 
 
 def _repeats(equations: OnMesh, u: Array) -> int:
@@ -284,7 +297,12 @@ def _repeats(equations: OnMesh, u: Array) -> int:
 
 
 def finished(
-    equations: OnMesh, u: Array, residual: float, errors: Errors, judge: tuple[Spectrum, Spectrum] | None
+    equations: OnMesh,
+    u: Array,
+    residual: float,
+    errors: Errors,
+    judge: tuple[Spectrum, Spectrum] | None,
+    family: bool = False,
 ) -> CollocatedCycle:
     """Return a solution as a cycle, with its stability where multipliers, and those of the next degree, are given."""
     system = equations.rates.system
@@ -294,6 +312,8 @@ def finished(
         f"solved for by collocation on {equations.N} intervals; estimated error of the period {errors[0]:.1e}, "
         f"of the waveform {errors[2]:.1e}."
     )
+    if family:
+        status += " It is not isolated: one of a continuous family, as in a conservative system (or at a fold)."
     return replace(
         cycle_of(system, equations.mesh, values, T, p, equations.advance),
         residual=residual,

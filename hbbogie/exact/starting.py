@@ -125,6 +125,11 @@ def exact_cycle(system: System, orbit: Orbit, parameter: str, *, free: bool = Fa
     """
     model = switched_linear(system)
     check_orbit(system, orbit)
+    if orbit.advance:
+        raise ModelError(
+            f"system {system.name!r}: a coordinate runs on in the orbit, and cycles in closed form do not; take "
+            "HarmonicBalance, or Collocation where the system is smooth."
+        )
     if not orbit.H:
         raise ModelError("exact_cycle: the orbit is an equilibrium; give a cycle.")
     place = system.parameter_names.index(system.parameter(parameter).name)

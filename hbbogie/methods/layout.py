@@ -77,7 +77,7 @@ class Layout:
 
     @property
     def drift(self) -> Array:
-        """Growth of each coordinate per radian of the phase, shape (n,)."""
+        """Growth of each coordinate per radian of the phase, shape (n,) (eq-running)."""
         return np.array(self.advance or np.zeros(self.n)) / (2 * np.pi)
 
     @cached_property

@@ -45,7 +45,7 @@ def within_level(equations: Equations, orbit: Orbit) -> Equations:
 
 
 def within_family(equations: Equations, orbit: Orbit, level: float, **fixed: float) -> Equations:
-    """Return equations of the one cycle of a family that has a given level.
+    """Return equations of the one cycle of a family that has a given level (eq-family).
 
     Where something is conserved, whether it is known or not, one combination of the equations follows from the others
     at every cycle. The one with the least singular value at the orbit is replaced by the level, which is the cosine of

@@ -41,7 +41,7 @@ class Sampling:
                 E = ca.DM(fourier.synthesis(layout.H, tau, d)[:, fourier.rows_of(layout.moving)])
                 x[list(layout.S), :] = (ca.mtimes(E, X) * omega**d).T
             x = x + ca.repmat(mean, 1, len(tau)) if d == 0 else x
-            if layout.advance and d < 2:
+            if layout.advance and d < 2:  # eq-running
                 x = x + (ca.DM(np.outer(layout.drift, tau)) if d == 0 else omega * ca.DM(layout.drift))
             states.append(x)
         return states, tau

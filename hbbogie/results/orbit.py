@@ -218,7 +218,7 @@ class Orbit:
         """Return the coordinates, or a derivative of theirs in tau, at the phases tau [rad], shape (len(tau), n)."""
         tau = np.atleast_1d(np.asarray(tau, dtype=float))
         x = self.motion.at(tau, derivative)
-        if self.advance and derivative < 2:
+        if self.advance and derivative < 2:  # eq-running
             x = x + np.outer(np.ones_like(tau) if derivative else tau, np.array(self.advance) / (2 * np.pi))
         return x
 

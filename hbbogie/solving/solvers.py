@@ -206,9 +206,7 @@ def _conditions(
     if free is None:
         return Conditions(), 0.0
     if amplitude is None:
-        raise ModelError(
-            f"solve: got free={free!r} without amplitude=; give the amplitude to reach, or leave free out."
-        )
+        raise ModelError(f"solve: got free={free!r} without amplitude=; give both, or leave free out.")
     if free in fixed:
         raise ModelError(f"solve: parameter {free!r} is asked to be both free and fixed; leave one out.")
     (name, value), _ = asked(amplitude), system.parameter(free)

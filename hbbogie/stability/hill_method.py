@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 
+from hbbogie import fourier
 from hbbogie.brief import brief
 from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
-from hbbogie.stability.multipliers import sides
+from hbbogie.stability.multipliers import ALIGNED, CANDIDATES, sides
 from hbbogie.stability.variation import Waveform, check_orbit
 
 Array = NDArray[np.float64]
@@ -112,11 +113,12 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
         raise ModelError(f"tolerance: got {tolerance!r}; give a number above 0.")
     waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
     A = _state_matrix_modes(waveform, 2 * int(H))
-    eigenvalues, vectors = _eigen(A, orbit.omega)
+    eigenvalues, vectors, scale = _eigen(A, orbit.omega)
     taken = _central(eigenvalues, vectors, system.n_states, orbit.omega)
     order = taken[np.argsort(-eigenvalues[taken].real, kind="stable")]
     copies = _disagreement(eigenvalues, order, orbit)
-    return _judge(eigenvalues[order], copies, float(A[2 * int(H)].trace().real), orbit, tolerance)
+    trivial = _trivial(eigenvalues[order], vectors[..., order], waveform, scale, orbit)
+    return _judge(eigenvalues[order], trivial, copies, float(A[2 * int(H)].trace().real), orbit, tolerance)
 
 
 def _state_matrix_modes(waveform: Waveform, K: int) -> Complex:
@@ -141,8 +143,11 @@ def _state_matrix_modes(waveform: Waveform, K: int) -> Complex:
     return np.asarray(np.einsum("kt,itj->kij", waves, A, optimize=True))
 
 
-def _eigen(A: Complex, omega: float) -> tuple[Complex, Complex]:
-    """Return eigenvalues, shape (m,) [1/s], and eigenvectors, shape (2 H + 1, n_states, m), of Hill's matrix."""
+def _eigen(A: Complex, omega: float) -> tuple[Complex, Complex, Array]:
+    """Return eigenvalues, shape (m,) [1/s], and eigenvectors, shape (2 H + 1, n_states, m), of Hill's matrix.
+
+    Last, the scales of the states, shape (n_states,), in units of which the eigenvectors are.
+    """
     H, n = (len(A) - 1) // 4, A.shape[1]
     h = np.arange(-H, H + 1)
     scale = matrix_balance(np.abs(A[2 * H]), permute=False)[1].diagonal()
@@ -150,7 +155,23 @@ def _eigen(A: Complex, omega: float) -> tuple[Complex, Complex]:
     blocks = scaled[h[:, None] - h[None, :] + 2 * H].transpose(0, 2, 1, 3)
     matrix = blocks.reshape(len(h) * n, len(h) * n) - 1j * omega * np.diag(np.repeat(h, n))
     eigenvalues, vectors = np.linalg.eig(matrix)
-    return eigenvalues, vectors.reshape(len(h), n, -1)
+    return eigenvalues, vectors.reshape(len(h), n, -1), scale
+
+
+def _trivial(exponents: Complex, vectors: Complex, waveform: Waveform, scale: Array, orbit: Orbit) -> int:
+    """Return the place of the trivial exponent: of those near 0 the one whose mode is the velocity of the states."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        away = np.abs(np.exp(exponents * orbit.period) - 1)
+    near = np.flatnonzero(away <= CANDIDATES)
+    if len(near) < 2:
+        return int(np.argmin(away))
+    H = len(vectors) // 2
+    rate = waveform.all_states.at(fourier.phases(8 * (H + 1)), 1) / scale
+    modes = np.fft.fft(rate, axis=0)[np.arange(-H, H + 1)]
+    along = np.abs(np.einsum("hs,hsm->m", modes.conj(), vectors[..., near]))
+    along /= np.linalg.norm(vectors[..., near], axis=(0, 1))
+    aligned = near[along >= ALIGNED * along.max()]
+    return int(aligned[np.argmin(away[aligned])])
 
 
 def null_mode(system: System, orbit: Orbit, *, doubled: bool) -> Array:
@@ -228,12 +249,13 @@ def _disagreement(eigenvalues: Complex, taken: NDArray[np.int_], orbit: Orbit) -
         return float(np.max(np.abs(np.exp(sigma.real * orbit.period)) * away * orbit.period))
 
 
-def _judge(exponents: Complex, copies: float, trace: float, orbit: Orbit, tolerance: float) -> HillStability:
+def _judge(
+    exponents: Complex, trivial: int, copies: float, trace: float, orbit: Orbit, tolerance: float
+) -> HillStability:
     """Return the verdict from the exponents [1/s], the error of the copies and the mean trace [1/s]."""
     T = orbit.period
     with np.errstate(over="ignore", invalid="ignore"):
         multipliers = np.exp(exponents * T)
-    trivial = int(np.argmin(np.abs(multipliers - 1)))
     health = {
         "trivial": float(abs(multipliers[trivial] - 1)),
         "copies": copies,

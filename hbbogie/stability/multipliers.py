@@ -190,7 +190,9 @@ def judge(
     values, vectors = np.linalg.eig(matrix)
     order = np.argsort(-np.abs(values), kind="stable")
     values, vectors = values[order].astype(complex), level @ vectors[:, order]
-    trivial = _trivial(values, vectors, motion)
+    trivial = int(np.argmin(np.abs(values - 1)))
+    if motion is not None:
+        trivial = trivial_of(values, vectors, motion.rate, motion.size)
     multipliers = values**parts
     error, liouville = float(abs(multipliers[trivial] - 1)), abs(log_det - trace) / max(1.0, abs(trace))
     doubt = ""
@@ -223,17 +225,24 @@ def judge(
     return Stability(verdict, values[order] ** parts, error, outside, reason, halves, critical, mode)
 
 
-def _trivial(values: Complex, vectors: Complex, motion: Motion | None) -> int:
+def trivial_of(values: Complex, vectors: Complex, rate: Array, size: Array) -> int:
     """Return the place of the trivial multiplier: of those near 1 the one whose vector is the motion's direction.
 
     Of a cycle that is not resolved another one may be nearer.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m,)
+    vectors : ndarray, shape (n_states, m)
+    rate, size : ndarray, shape (n_states,)
+        dx/dt where the map begins, and the size of each state.
     """
     distance = np.abs(values - 1)
     near = np.flatnonzero(distance <= CANDIDATES)
-    if motion is None or len(near) < 2 or not np.isfinite(motion.rate).all():
+    if len(near) < 2 or not np.isfinite(rate).all():
         return int(np.argmin(distance))
-    size = np.where(motion.size > 0, motion.size, 1.0)
-    along = np.abs((motion.rate / size) @ (vectors[:, near] / size[:, None]))
+    size = np.where(size > 0, size, 1.0)
+    along = np.abs((rate / size) @ (vectors[:, near] / size[:, None]))
     along /= np.linalg.norm(vectors[:, near] / size[:, None], axis=0)
     aligned = near[along >= ALIGNED * along.max()]  # where two vectors meet, at a fold, they have the same direction
     return int(aligned[np.argmin(distance[aligned])])

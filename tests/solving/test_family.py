@@ -7,6 +7,7 @@ from scipy.special import ellipk
 
 import hbbogie as hb
 from hbbogie.branches import cycle_after
+from hbbogie.collocation import Collocation
 from hbbogie.errors import ModelError
 from hbbogie.model import Coordinate, Parameter, System
 from hbbogie.stability import hill, verify
@@ -123,6 +124,15 @@ class TestVerdict:
             assert f"{system.n_states - 1} at 1" in judged.reason
             np.testing.assert_allclose(judged.multipliers, 1.0, atol=1e-3)
         assert not verify(system, cycle).isolated
+
+    def test_collocation_ends_at_the_member_next_to_the_guess(self, duffing):
+        guess = hb.solve(
+            hb.HarmonicBalance(3).equations(duffing), cycle_after(duffing, [1.0, 0.0]), amplitude={"x": 2.0}
+        )
+        cycle = hb.solve(Collocation().equations(duffing), guess)
+        assert cycle.period == pytest.approx(duffing_period(cycle.amplitude("x"), 1.0), rel=1e-6)
+        assert cycle.amplitude("x") == pytest.approx(guess.amplitude("x"), rel=0.1)
+        assert cycle.verdict == "unknown" and "not isolated" in cycle.status
 
     @pytest.mark.parametrize("H", [3, 7, 15])
     def test_is_not_wrong_for_few_harmonics(self, duffing, H):

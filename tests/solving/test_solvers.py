@@ -102,7 +102,6 @@ class TestFailures:
             ({"V": -3.0}, "allowed is a finite number from 1 to 400 m/s"),
             ({"method": "simplex"}, "unknown method"),
             ({"free": "V"}, "give both"),
-            ({"amplitude": {"q1": 0.01}}, "give both"),
             ({"amplitude": {"q9": 0.01}, "free": "V"}, "unknown coordinate"),
             ({"amplitude": {"q1": -0.01}, "free": "V"}, "positive number"),
             ({"amplitude": {"q1": 0.01}, "free": "V", "V": 90.0}, "both free and fixed"),
