@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hbbogie import fourier
+from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
@@ -27,7 +28,7 @@ def relatives(system: System, orbit: Orbit) -> Iterator[tuple[str, Orbit]]:
     if orbit.advance:
         if system.odd or is_odd(system.dynamics, system.vector()):
             mirrored = tuple(-by for by in orbit.advance)
-            yield "the mirror image", orbit.replace(coefficients=-c, advance=mirrored)
+            yield MIRROR, orbit.replace(coefficients=-c, advance=mirrored)
         return
     sizes = [float(np.linalg.norm(c[rows])) for rows in (odd, even)]
     if H >= 2 and 0 < sizes[0] <= LESS * sizes[1]:
@@ -36,6 +37,11 @@ def relatives(system: System, orbit: Orbit) -> Iterator[tuple[str, Orbit]]:
     symmetric = system.odd or is_odd(system.dynamics, system.vector())
     if not symmetric or orbit.is_odd(ODD):
         return
+    size = np.abs(c).sum(axis=0)
+    states = np.append(size, orbit.omega * size[list(system.second_order)])
+    held = conserved_quantities(system, system.vector(**orbit.parameters), states)[:, : system.n]
+    if (np.abs(held @ c[0]) > ODD * (np.abs(held) @ size)).any():
+        return  # the mirror image has other values of what is conserved
     yield MIRROR, orbit.replace(coefficients=-c)
     if np.hypot(sizes[1], np.linalg.norm(c[0])) <= LESS * sizes[0]:
         between = np.zeros_like(c)

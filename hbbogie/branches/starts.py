@@ -119,7 +119,8 @@ def starts_of(system: System, equilibria: list[Equilibrium], size: Array) -> lis
         x[: system.n] = np.where(np.isfinite(low) & (x[: system.n] < low), low + np.abs(x[: system.n]), x[: system.n])
         x[: system.n] = np.clip(x[: system.n], low, high)
         starts.append(("a random state", x))
-    return _on_level(system, starts, equilibria, size)
+    inside = [(where, np.append(np.clip(x[: system.n], low, high), x[system.n :])) for where, x in starts]
+    return _on_level(system, inside, equilibria, size)
 
 
 def _on_level(

@@ -12,7 +12,7 @@ from hbbogie.branches.closed_form import exact_crossings, exact_walk, exact_walk
 from hbbogie.branches.collocated import branch_of, followed_from
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, extent, from_hopf
-from hbbogie.branches.same import alike, once_each
+from hbbogie.branches.same import alike, once_each, samples
 from hbbogie.collocation.method import Collocation
 from hbbogie.deadline import time_is_over
 from hbbogie.exact.walk import Walk
@@ -27,6 +27,7 @@ COARSE, FINER = 15, 31  # highest harmonics with which branches are followed
 MOST = 120  # points of a branch from a cycle, to either side
 UNRESOLVED = 1e-2  # share of the highest harmonics, or of those left out, beyond which cycles are not resolved
 MOST_TURNS = 3  # of a cycle that is followed by collocation: chaotic motions lead to ever longer ones
+MOST_COLLOCATED = 60  # the same by collocation
 LIKE = 0.05  # distance up to which a cycle of the branch is the one from which it was followed
 SAME = 1e-8  # share of the interval up to which values of the parameter are one
 BESIDE = 0.01  # share of the interval beside cycles that are not resolved in which others are looked for
@@ -87,14 +88,12 @@ class Walker:
     def through(self, orbit: Orbit, name: str) -> Walked:
         """Follow the branch of a cycle at the value, in both directions; tell where it does not lead through that."""
         best, why = None, "no method leads from it to a branch"
-        for attempt in (
-            self._through_exact,
-            self._through_balance(COARSE),
-            self._through_balance(FINER),
-            self._collocated,
-        ):
+        balances = (self._through_balance(H) for H in (COARSE, FINER))
+        for attempt in (self._through_exact, *balances, self._collocated):
             if time_is_over():
                 why = "the time limit was reached"
+                break
+            if best is not None and attempt == self._collocated:  # a last resort, which takes long
                 break
             try:
                 walked = attempt(orbit, name)
@@ -154,17 +153,16 @@ class Walker:
         if (turns := _turns(orbit)) > MOST_TURNS:
             raise ConvergenceError(f"it goes round {turns} times in a period, in which there may be many more like it")
         equations = Collocation().equations(self.system)
-        followed = followed_from(equations, orbit, self.parameter, self.span, max_points=MOST)
+        followed = followed_from(equations, orbit, self.parameter, self.span, max_points=MOST_COLLOCATED)
         branch = branch_of(followed, self.system, orbit, stability=False)
         cycles = [cycle.orbit() for _, cycle in followed.crossings(self.value)]
         return Walked(extent(f"{name}, by collocation,", branch), all(end.complete for end in branch.ends), cycles)
 
 
 def _turns(orbit: Orbit) -> int:
-    """Return the number of the largest harmonic, of the coordinate in which one stands out most."""
-    waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
-    clear = waves.max(axis=0) / np.maximum(waves.sum(axis=0), 1e-300)
-    return 1 + int(np.argmax(waves[:, np.argmax(clear)]))
+    """Return how many times a period some coordinate rises through its mean."""
+    above = samples(orbit) > orbit.coefficients[0]
+    return int((above & ~np.roll(above, 1, axis=0)).sum(axis=0).max())
 
 
 def _beyond(orbit: Orbit, H: int) -> float:

@@ -25,6 +25,7 @@ WORK = 2000  # unknowns times starts
 MANY, FEW = 100, 3  # unknowns from which the starts at rest are few, so many
 MOST_BRANCHES = 40
 IN_FAMILY = 1e-8  # singular value below which an equilibrium from a random start is one of a family, not near a fold
+BESIDE = 1e-2  # share of the interval beside an end at a bound at which an equilibrium within the bound is looked for
 ROUND_OFF = 1e-9  # share of its scale up to which a coordinate may be zero
 CROWD = 1e-8  # share of the interval within which equilibria from random values of the parameter have the same one
 RANK = 1e-10  # smallest singular value, relative to the largest, of equations whose solutions form a curve
@@ -196,6 +197,8 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
         branches.append(branch)
         for turn in branch.turns if switching else ():
             queue += crossing(rest, box, branch, turn)
+        if switching:
+            queue += _on_bounds(rest, box, branch)
     if time_is_over():
         notes.append("the time limit was reached: not all equilibria found were followed")
     elif queue and len(branches) == MOST_BRANCHES:
@@ -203,6 +206,17 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
     if lost:
         notes.append(f"{lost} equilibria found could not be followed: the equations are singular there")
     return branches
+
+
+def _on_bounds(rest: Rest, box: Box, branch: RestBranch) -> list[Array]:
+    """Return equilibria beside the ends of a branch at bounds of coordinates, where one within the bound crosses."""
+    ends = [branch.u[place] for place, end in zip((0, -1), branch.ends, strict=True) if end.kind == "bound"]
+    if not ends:
+        return []
+    across = np.eye(len(box.scale))[-1]
+    u = np.array([end + side * BESIDE * box.scale * across for end in ends for side in (-1, 1)])
+    roots, found = newton(rest, u, np.tile(across, (len(u), 1)), box)
+    return list(roots[found & box.holds(roots)])
 
 
 def _same(curve: RestCurve, a: RestBranch, b: RestBranch) -> bool:

@@ -34,7 +34,8 @@ def resting_place(system: System, states: Array, p: Array, size: Array) -> Array
     x = states[np.argmin(rates)]
     try:
         for _ in range(NEWTON):
-            step = np.linalg.solve(system.state_matrix(x, p), system.ode(x, p).full().ravel())
+            A = system.state_matrix(x, p) * size  # singular where a quantity is conserved
+            step = size * np.linalg.lstsq(A, system.ode(x, p).full().ravel(), rcond=1e-12)[0]
             x = x - step
             if np.abs(step / size).max() <= CONVERGED:
                 return np.asarray(x)

@@ -197,17 +197,17 @@ def at_random(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return random starts, their normals, and which are free: every other one.
 
-    In the box of bounds where there are two, and in one turn of angles, else log-uniform in the scale of each
-    coordinate, of both signs where no bound forbids it.
+    Half of them in the box of bounds where there are two, all in one turn of angles, else log-uniform in the scale of
+    each coordinate, of both signs where no bound forbids it: bounds may be far wider than what lies between them.
     """
     rng, n, m = np.random.default_rng(seed), rest.system.n, len(box.scale)
     low, high, scale = box.low[:n], box.high[:n], box.scale[:n]
     common = rng.uniform(*decades, (count, 1))
     q = scale * 10.0 ** (common + rng.uniform(-1, 1, (count, n))) * rng.choice([-1.0, 1.0], (count, n))
     q = np.where(np.isfinite(low), low + np.abs(q), np.where(np.isfinite(high), high - np.abs(q), q))
-    both = np.isfinite(low) & np.isfinite(high)
+    both = np.isfinite(low) & np.isfinite(high) & (np.arange(count) % 4 < 2)[:, None]
     inside = rng.uniform(size=(count, n))
-    q = np.where(both, np.where(both, low, 0.0) + inside * np.where(both, high - low, 0.0), q)
+    q = np.clip(np.where(both, np.where(both, low, 0.0) + inside * np.where(both, high - low, 0.0), q), low, high)
     q = np.where(rest.reach, rest.reach * (2 * inside - 1), q)
     u = np.zeros((count, m))
     u[:, :n] = q

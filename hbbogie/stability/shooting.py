@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from hbbogie import fourier
+from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.dynamics import state_of
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
@@ -188,6 +190,11 @@ class Shooting:
         f, J = f.full().T.reshape(N, STAGES, n), J.full().reshape(n, N, STAGES, n).transpose(1, 2, 0, 3)
         return f / self.scale, J * self.scale / self.scale[:, None]
 
+    @cached_property
+    def held(self) -> Array:
+        """Rows of the quantities that the system conserves, shape (k, n_states)."""
+        return conserved_quantities(self.system, self.p, self.scale)
+
     def trace(self, path: Path) -> float:
         """Return the integral of the trace of the rates' derivative over the period."""
         traces = np.trace(self.rates(path)[1], axis1=2, axis2=3)
@@ -254,6 +261,15 @@ class Shooting:
         """Yield corrections of beginnings and durations: Newton's, then the shortest, for a family of cycles."""
         matrix = self.matrix(path, step)
         right = -np.r_[step.gap.ravel(), step.off if len(step.off) else 0.0]
+        if len(self.held):  # the sum of the gaps along these rows is none whatever the states: it takes their level
+            n, rows = path.x.shape[1], self.held * self.scale
+            rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+            rest = np.append(self.orbit.coefficients[0], np.zeros(n - self.system.n)) / self.scale
+            matrix = matrix.tolil()
+            last = slice((len(path.x) - 1) * n, len(path.x) * n)
+            matrix[last, :n] = matrix[last, :n] + rows.T @ rows
+            matrix = matrix.tocsc()
+            right[last] += rows.T @ (rows @ (rest - path.x[0]))
         with suppress(RuntimeError):  # exactly singular
             yield splu(matrix).solve(right)
         if len(right) <= LARGEST:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.brief import brief
 from hbbogie.errors import ModelError, door, positive
-from hbbogie.model.conserved import conserved_quantities, state_names
+from hbbogie.model.conserved import state_names
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.results.failure import ConvergenceError
@@ -343,8 +343,7 @@ def _stability(shooting: Shooting, path: Path, step: NewtonStep, passages: Passa
     transitions = passages.inserted(step.transitions)
     log_det, trace = float(np.linalg.slogdet(transitions)[1].sum()), shooting.trace(path) + passages.log_determinant
     size, system = shooting.scale, shooting.system
-    held = conserved_quantities(system, shooting.p, size)
-    motion = Motion(size * step.f[0, 0], size, held, state_names(system))
+    motion = Motion(size * step.f[0, 0], size, shooting.held, state_names(system))
     matrix = size[:, None] * product(transitions) / size
     found = judge(matrix, 1, log_det, trace, TRUSTED, motion)
     return replace(found, mode=None)  # it belongs to the path's beginning and not to phase 0

@@ -136,3 +136,29 @@ def test_the_default_interval_stays_on_its_side_of_a_pole():
     found = hb.find_cycles(hb.System("pole", [x], [L], [x.ddot + x - (1 - x**2) * x.dot / L**2]), L=1.0)
     assert listed(found) == [(pytest.approx(6.66328685932313, rel=1e-9), "stable")]
     assert not any("L = -" in sentence or "from -" in sentence for sentence in found.evidence)
+
+
+def test_conserved_quantities_keep_their_level():
+    """An epidemic, k I^2 S, with S + I + R = 1: the same cycle as with S left out, and no mirror image."""
+    S, I, R, k = C("S"), C("I"), C("R"), P("k", 23.5, "1", "", (1.0, 100.0))
+    whole = hb.System(
+        "whole", [S, I, R], [k], [S.dot - 0.3 * R + k * I**2 * S, I.dot - k * I**2 * S + I, R.dot - I + 0.3 * R]
+    )
+    small = hb.System("small", [I, R], [k], [I.dot - k * I**2 * (1 - I - R) + I, R.dot - I + 0.3 * R])
+    c = 1 + 1 / 0.3  # rest at I: k I (1 - c I) = 1; the trace 0.7 - k I^2 vanishes at k = (1 + 0.7 c)^2 / 0.7
+    (hopf,) = hb.hopf_points(small, "k", (20.0, 30.0))
+    assert hopf.value == pytest.approx((1 + 0.7 * c) ** 2 / 0.7, rel=1e-11)
+    (one,) = hb.find_cycles(whole, k=23.5, interval=(20.0, 30.0), start={"S": 0.25, "I": 0.17, "R": 0.58})
+    (other,) = hb.find_cycles(small, k=23.5, interval=(20.0, 30.0))
+    assert one.period == pytest.approx(other.period, rel=1e-9)
+    assert one.coefficients[0].sum() == pytest.approx(1.0, abs=1e-12)
+
+
+def test_equilibria_within_wide_bounds():
+    """Predators and prey that need company: n = 0, 0.2 and 1 without predators, whatever the bounds."""
+    n, q, m = C("n", bounds=(0, 100)), C("q", bounds=(0, 100)), P("m", 0.5, "1", "", (0.01, 2))
+    system = hb.System("allee", [n, q], [m], [n.dot - n * (1 - n) * (n - 0.2) + n * q, q.dot - q * (n - m)])
+    found = hb.find_equilibria(system, "m", (0.01, 1.6))
+    assert sorted({round(float(b.orbits[0].coefficients[0, 0]), 6) for b in found}) == [0.0, 0.2, 1.0]
+    (hopf,) = (s for b in found for s in b.special if s.kind == "hopf")
+    assert hopf.value == pytest.approx(0.6, rel=1e-11)
