@@ -41,13 +41,19 @@ motion.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-from hbbogie import Coordinate, Element, ModelError, Output, Parameter, System
+import hbbogie as hb
+from hbbogie import Branch, Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Saturation
+from hbbogie.motion import moving_groups
 from hbbogie.railway import LinearKalker, ShenHedrickElkins, derailment_quotient, frame_acceleration, guiding_forces
+from hbbogie.reports import Report, Table, draw
+from hbbogie.results import Critical
 
 CREEP = ("she", "linear")
 YAW_DAMPERS = ("direct", "series", "none")
@@ -288,3 +294,45 @@ CAR_BODY = ("mc", "Icz", "Icx", "lc", "hc")
 SYSTEM = vehicle
 PARAMETER = "V"
 RANGE = (40.0, 110.0)
+HARMONICS, JUDGED = 9, 24  # of the branches drawn, and about how many cycles of each are judged
+
+
+def study(system: System, progress: Callable[[str, float | None], None]) -> Report:
+    """Return the critical speeds, and the branch of each attractor with the stability of its cycles."""
+    progress("critical speeds", None)
+    found = hb.critical_speeds(system, PARAMETER, RANGE)
+    lowest: dict[str, Critical] = {}
+    for one in found:
+        if one.extremum == "minimum":
+            lowest.setdefault(moving_groups(system, one.orbit) or "all", one)
+    branches = {}
+    for i, (moves, fold) in enumerate(lowest.items()):
+        progress(f"branch of the attractor: {moves}", i / len(lowest))
+        branches[moves] = _judged(system, _through(system, fold))
+    rows = [(c.kind, c.value, c.error, c.omega, moving_groups(system, c.orbit)) for c in found]
+    columns = ("kind", "V [m/s]", "error from harmonics, at most [m/s]", "omega [rad/s]", "moves")
+    table = Table("critical", "Critical speeds", columns, tuple(rows), ("", ".8g", ".1e", ".7g", ""))
+    shown = [q for q in ("y1", "y3") if q in system.coordinate_names]
+    options = {"labels": list(branches), "parameter_label": "speed V [m/s]"}
+    figures = {f"attractors_{q}": partial(draw, "branch", list(branches.values()), y=q, **options) for q in shown}
+    notes = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*found.evidence, *found.undecided)]
+    named = {moves.replace(" ", "_"): branch for moves, branch in branches.items()}
+    return Report(system.name, (table,), named, figures if branches else {}, tuple(notes))
+
+
+def _through(system: System, fold: Critical) -> Branch:
+    """Return the branch through a fold, from a cycle of a little more amplitude."""
+    balance = hb.HarmonicBalance(HARMONICS).equations(system)
+    wheelsets = [q for q in ("y1", "y3") if q in system.coordinate_names]
+    largest = max(wheelsets, key=fold.orbit.first_harmonic)
+    amplitude = {largest: 1.03 * fold.orbit.first_harmonic(largest)}
+    start = hb.solve(balance, fold.orbit, free=PARAMETER, amplitude=amplitude)
+    return hb.trace(balance, start, PARAMETER, RANGE, stability=False)
+
+
+def _judged(system: System, branch: Branch) -> Branch:
+    """Return a branch with the cycles that are judged: some of them, and those at its folds."""
+    special = {id(s.orbit) for s in branch.special}
+    kept = branch.orbits[:: max(1, len(branch) // JUDGED)]
+    some = [o for o in branch.orbits if id(o) in special or any(o is k for k in kept)]
+    return branch.with_orbits([o.replace(stability=hb.floquet(system, o)) for o in some])

@@ -300,3 +300,13 @@ def test_alone_it_shows_its_help():
     run = process()
     out, _ = run.communicate(timeout=60)
     assert run.returncode == 0 and "hbbogie problems" in out
+
+
+def test_set_takes_the_options_of_a_builder_that_are_texts():
+    from hbbogie.commandline.application import load
+
+    _, system = load("vehicle", ["creep=linear", "yaw_dampers=series", "V=50"])
+    assert "muN" not in system.parameter_names and "x1" in system.coordinate_names
+    assert system.values["V"] == 50
+    with pytest.raises(hbbogie.ModelError, match="give one of she, linear"):
+        load("vehicle", ["creep=nonsense"])
