@@ -47,6 +47,8 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 import hbbogie as hb
 from hbbogie import Branch, Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Saturation
@@ -294,7 +296,7 @@ CAR_BODY = ("mc", "Icz", "Icx", "lc", "hc")
 SYSTEM = vehicle
 PARAMETER = "V"
 RANGE = (40.0, 110.0)
-HARMONICS, JUDGED = 9, 24  # of the branches drawn, and about how many cycles of each are judged
+HARMONICS, RESOLVED, JUDGED = 9, 31, 24  # along the branches, where they are judged, and how many cycles of each are
 
 
 def study(system: System, progress: Callable[[str, float | None], None]) -> Report:
@@ -331,8 +333,17 @@ def _through(system: System, fold: Critical) -> Branch:
 
 
 def _judged(system: System, branch: Branch) -> Branch:
-    """Return a branch with the cycles that are judged: some of them, and those at its folds."""
-    special = {id(s.orbit) for s in branch.special}
-    kept = branch.orbits[:: max(1, len(branch) // JUDGED)]
-    some = [o for o in branch.orbits if id(o) in special or any(o is k for k in kept)]
-    return branch.with_orbits([o.replace(stability=hb.floquet(system, o)) for o in some])
+    """Return a branch by some of its cycles, evenly spread, computed anew with the harmonics that stability takes."""
+    fine = hb.HarmonicBalance(RESOLVED).equations(system)
+    curve = np.array([branch.values, *(branch.amplitude(q) for q in ("y1", "y3") if q in system.coordinate_names)])
+    steps = np.linalg.norm(np.diff(curve / np.ptp(curve, axis=1, keepdims=True)), axis=0)
+    way = np.append(0.0, np.cumsum(steps))
+    places = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], JUDGED)))
+    judged = []
+    for orbit in (branch.orbits[i] for i in places):
+        try:
+            cycle = hb.solve(fine, orbit, method="newton", V=orbit.parameters["V"])
+        except hb.ConvergenceError:  # beside a fold, which lies elsewhere with more harmonics
+            continue
+        judged.append(cycle.replace(stability=hb.floquet(system, cycle)))
+    return branch.with_orbits(judged)
