@@ -303,10 +303,9 @@ def test_alone_it_shows_its_help():
 
 
 def test_set_takes_the_options_of_a_builder_that_are_texts():
-    from hbbogie.commandline.application import load
-
-    _, system = load("vehicle", ["creep=linear", "yaw_dampers=series", "V=50"])
-    assert "muN" not in system.parameter_names and "x1" in system.coordinate_names
-    assert system.values["V"] == 50
-    with pytest.raises(hbbogie.ModelError, match="give one of she, linear"):
-        load("vehicle", ["creep=nonsense"])
+    """Only in series does a yaw damper have the parameter kyd."""
+    command = ["simulate", "vehicle", "--set", "yaw_dampers=series", "--set", "kyd=4 MN/m", "--start", "y1=0.001"]
+    result = runner.invoke(app, [*command, "--duration", "0.1", "--no-figures", "--json"])
+    assert result.exit_code == 0, result.output
+    result = runner.invoke(app, ["cycles", "vehicle", "--set", "creep=nonsense"])
+    assert result.exit_code == 2 and "give one of she, linear" in " ".join(result.output.split())
