@@ -140,6 +140,53 @@ def attraction() -> Figure:
     return figure
 
 
+def bogies() -> Figure:
+    """Draw the branches of the simple bogie and of Kaas-Petersen's, with and without flange, and the known cycles."""
+    figure, (axes,) = plot.panels(1, 2, (9.6, 4.2))
+    for ax, name in zip(axes, ("simple_bogie", "kaas_petersen1986"), strict=True):
+        problem, curves = hb.load_problem(name), []
+        for flange in (True, False):
+            system = problem.SYSTEM(flange=flange)
+            (hopf,) = hb.hopf_points(system, "V", problem.RANGE)
+            balance = hb.HarmonicBalance(21).equations(system)
+            curves.append(hb.trace(balance, hopf, "V", (50.0, 140.0), stability=False))
+        points = ("computed independently", [c.V for c in problem.CYCLES], [c.q1 for c in problem.CYCLES], "o")
+        plot.branch(curves, y="q1", ax=ax, labels=["with flange", "without"], published=[points]).set_title(name)
+    return plot.one_legend(figure)
+
+
+def wheelset() -> Figure:
+    """Draw the branch of the wheelset with 1 and with 31 harmonics, and the closed form of one harmonic."""
+    problem = hb.load_problem("wheelset")
+    system = problem.wheelset()
+    (hopf,) = hb.hopf_points(system, "V", (20.0, 100.0))
+    balances = [hb.HarmonicBalance(H).equations(system) for H in (1, 31)]
+    curves = [hb.trace(b, hopf, "V", (40.0, 60.0), stability=False) for b in balances]
+    Y = np.linspace(0.0081, 0.0121, 9)
+    V = [problem.first_harmonic_cycle(system.values, float(one))[0] for one in Y]
+    closed = [("closed form of one harmonic", V, Y, "o")]
+    return plot.figure_of(plot.branch(curves, y="y", labels=["1 harmonic", "31 harmonics"], published=closed))
+
+
+def train() -> Figure:
+    """Draw the Hopf points of trains over the number of vehicles."""
+    figure, ((ax,),) = plot.panels(1, 1)
+    with plot.style():
+        for n in (1, 2, 3, 4):
+            found = hb.hopf_points(hb.load_problem("train").train(n), "V", (60.0, 110.0))
+            ax.plot([n] * len(found), [h.value for h in found], "o", color="#0072B2", ms=5)
+        ax.set_xticks([1, 2, 3, 4])
+        ax.set_xlabel("vehicles of the train")
+        ax.set_ylabel("Hopf points: speed V [m/s]")
+    return figure
+
+
+def vehicle_attractors() -> Figure:
+    """Draw the front wheelset of the vehicle on the branches of its three attractors."""
+    problem = hb.load_problem("vehicle")
+    return problem.study(problem.vehicle(), lambda message, share: None).figures["attractors_y1"]()
+
+
 def conicity() -> Figure:
     """Draw the equivalent conicity of S1002 on UIC60 over the amplitude."""
     return conicity_of("s1002", "uic60").figures["conicity"]()
@@ -218,6 +265,7 @@ def main(wanted: list[str]) -> None:
     IMAGES.mkdir(exist_ok=True)
     own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, circuit_branches, bogie_basin]
     own += [attraction, bogie_chart, bogie_cusps, conicity, belt_branch, airfoil_branch, oregonator]
+    own += [wheelset, bogies, vehicle_attractors, train]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)

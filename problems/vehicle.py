@@ -41,13 +41,21 @@ motion.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-from hbbogie import Coordinate, Element, ModelError, Output, Parameter, System
+import numpy as np
+
+import hbbogie as hb
+from hbbogie import Branch, Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Saturation
+from hbbogie.motion import moving_groups
 from hbbogie.railway import LinearKalker, ShenHedrickElkins, derailment_quotient, frame_acceleration, guiding_forces
+from hbbogie.reports import Report, Table, draw
+from hbbogie.results import Critical
 
 CREEP = ("she", "linear")
 YAW_DAMPERS = ("direct", "series", "none")
@@ -288,3 +296,54 @@ CAR_BODY = ("mc", "Icz", "Icx", "lc", "hc")
 SYSTEM = vehicle
 PARAMETER = "V"
 RANGE = (40.0, 110.0)
+HARMONICS, RESOLVED, JUDGED = 9, 31, 24  # along the branches, where they are judged, and how many cycles of each are
+
+
+def study(system: System, progress: Callable[[str, float | None], None]) -> Report:
+    """Return the critical speeds, and the branch of each attractor with the stability of its cycles."""
+    progress("critical speeds", None)
+    found = hb.critical_speeds(system, PARAMETER, RANGE)
+    lowest: dict[str, Critical] = {}
+    for one in found:
+        if one.extremum == "minimum":
+            lowest.setdefault(moving_groups(system, one.orbit) or "all", one)
+    branches = {}
+    for i, (moves, fold) in enumerate(lowest.items()):
+        progress(f"branch of the attractor: {moves}", i / len(lowest))
+        branches[moves] = _judged(system, _through(system, fold))
+    rows = [(c.kind, c.value, c.error, c.omega, moving_groups(system, c.orbit)) for c in found]
+    columns = ("kind", "V [m/s]", "error from harmonics, at most [m/s]", "omega [rad/s]", "moves")
+    table = Table("critical", "Critical speeds", columns, tuple(rows), ("", ".8g", ".1e", ".7g", ""))
+    shown = [q for q in ("y1", "y3") if q in system.coordinate_names]
+    options = {"labels": list(branches), "parameter_label": "speed V [m/s]"}
+    figures = {f"attractors_{q}": partial(draw, "branch", list(branches.values()), y=q, **options) for q in shown}
+    notes = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*found.evidence, *found.undecided)]
+    named = {moves.replace(" ", "_"): branch for moves, branch in branches.items()}
+    return Report(system.name, (table,), named, figures if branches else {}, tuple(notes))
+
+
+def _through(system: System, fold: Critical) -> Branch:
+    """Return the branch through a fold, from a cycle of a little more amplitude."""
+    balance = hb.HarmonicBalance(HARMONICS).equations(system)
+    wheelsets = [q for q in ("y1", "y3") if q in system.coordinate_names]
+    largest = max(wheelsets, key=fold.orbit.first_harmonic)
+    amplitude = {largest: 1.03 * fold.orbit.first_harmonic(largest)}
+    start = hb.solve(balance, fold.orbit, free=PARAMETER, amplitude=amplitude)
+    return hb.trace(balance, start, PARAMETER, RANGE, stability=False)
+
+
+def _judged(system: System, branch: Branch) -> Branch:
+    """Return a branch by some of its cycles, evenly spread, computed anew with the harmonics that stability takes."""
+    fine = hb.HarmonicBalance(RESOLVED).equations(system)
+    curve = np.array([branch.values, *(branch.amplitude(q) for q in ("y1", "y3") if q in system.coordinate_names)])
+    steps = np.linalg.norm(np.diff(curve / np.ptp(curve, axis=1, keepdims=True)), axis=0)
+    way = np.append(0.0, np.cumsum(steps))
+    places = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], JUDGED)))
+    judged = []
+    for orbit in (branch.orbits[i] for i in places):
+        try:
+            cycle = hb.solve(fine, orbit, method="newton", V=orbit.parameters["V"])
+        except hb.ConvergenceError:  # beside a fold, which lies elsewhere with more harmonics
+            continue
+        judged.append(cycle.replace(stability=hb.floquet(system, cycle)))
+    return branch.with_orbits(judged)

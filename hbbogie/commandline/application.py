@@ -254,17 +254,27 @@ def _options(
     os.environ.setdefault("MPLBACKEND", "Agg")
 
 
+def _texts(module: ModuleType) -> set[str]:
+    """Return the options of a problem's builder that are texts, such as creep="linear"."""
+    builder = getattr(module, "SYSTEM", None)
+    options = inspect.signature(builder).parameters if callable(builder) else {}
+    return {name for name, option in options.items() if isinstance(option.default, str)}
+
+
 def load(name: str, overrides: list[str] | None) -> tuple[ModuleType, System]:
     """Return the module of a problem and its system with parameter values replaced."""
-    from hbbogie.commandline.terminal import quantities
+    from hbbogie.commandline.terminal import assignments, quantities
     from hbbogie.commandline.values import in_own_units, values_in
     from hbbogie.model.problem import load_problem, system_of
 
-    file = values_given.get()
-    given = ({} if file is None else values_in(file)) | quantities(overrides, "--set")
-    module = load_problem(name)
-    units = {p.name: p.unit for p in system_of(module).parameters} if any(unit for _, unit in given.values()) else {}
-    system = system_of(module, **in_own_units(given, units))
+    file, module = values_given.get(), load_problem(name)
+    texts = _texts(module)
+    chosen = {n: text for n, text in assignments(overrides, "--set").items() if n in texts}
+    numeric = [text for text in overrides or () if text.partition("=")[0].strip() not in texts]
+    given = ({} if file is None else values_in(file)) | quantities(numeric, "--set")
+    with_units = any(unit for _, unit in given.values())
+    units = {p.name: p.unit for p in system_of(module, **chosen).parameters} if with_units else {}
+    system = system_of(module, **in_own_units(given, units), **chosen)
     loaded.set((module, system))
     return module, system
 

@@ -8,12 +8,15 @@ import casadi as ca
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from hbbogie.model.parts import Parts
 from hbbogie.model.system import System
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
+LARGEST_BLOCK = 12  # condensed coordinates that hang together: eliminating more at once is written out at length
+WORTH = 0.7  # share of a block that may be left in one piece by taking a coordinate out of it
 
 
 def frequency_scale(system: System, p: Array) -> float:
@@ -24,6 +27,42 @@ def frequency_scale(system: System, p: Array) -> float:
         return 1.0
     pairs = eigenvalues[eigenvalues.imag > 1e-6 * np.abs(eigenvalues).max(initial=0.0)]
     return float(pairs[np.argmax(pairs.real)].imag) if pairs.size else 1.0
+
+
+def kept_coordinates(parts: Parts, nonlinear: Sequence[int]) -> tuple[int, ...]:
+    """Return the coordinates that are not condensed out: the nonlinear ones, and those that part large blocks.
+
+    Linear coordinates that hang together, through no nonlinear one, are eliminated together. Where they are many, as
+    the car bodies of a train, the one whose removal leaves the smallest pieces is kept, until all pieces are small.
+    """
+    links, kept, whole = _links(parts), set(nonlinear), set[int]()
+    while True:
+        left = [i for i in range(len(links)) if i not in kept]
+        large = [b for b in _blocks(links, left) if len(b) > LARGEST_BLOCK and not whole.intersection(b)]
+        if not large:
+            return tuple(sorted(kept))
+        for block in large:
+            rests = [max(map(len, _blocks(links, [j for j in block if j != i]))) for i in block]
+            best = int(np.argmin(rests))
+            if rests[best] <= WORTH * len(block):
+                kept.add(block[best])
+            else:
+                whole.update(block)
+
+
+def _links(parts: Parts) -> NDArray[np.bool_]:
+    """Tell which coordinates and equations a matrix links, either way, shape (n, n)."""
+    n = parts.mass.size1_out(0)
+    links = np.zeros((n, n), dtype=bool)
+    for matrix in (parts.mass, parts.damping, parts.stiffness):
+        links |= np.array(ca.DM(matrix.sparsity_out(0), 1.0).full(), dtype=bool)
+    return np.asarray(links | links.T)
+
+
+def _blocks(links: NDArray[np.bool_], some: Sequence[int]) -> list[list[int]]:
+    """Return those of some coordinates that hang together."""
+    count, label = connected_components(links[np.ix_(some, some)], directed=False)
+    return [[some[i] for i in np.flatnonzero(label == k)] for k in range(count)]
 
 
 def choose_rows(system: System, parts: Parts, C: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -65,11 +104,17 @@ def dynamic_stiffness(
     if not C:
         return ca.Function("Z", [kappa, p], [Z_re, Z_im, ca.SX(0, len(S)), ca.SX(0, len(S))])
     unit = ca.SX(ca.DM.eye(real.shape[0]))[E, [i for i in force_rows if i in E]]
-    nothing = ca.SX(*unit.shape)
-    A = ca.blockcat([[real[E, C], -imaginary[E, C]], [imaginary[E, C], real[E, C]]])
-    b = ca.vertcat(ca.horzcat(real[E, S], unit), ca.horzcat(imaginary[E, S], nothing))
-    P = ca.solve(A, -ca.densify(b))
-    P_re, P_im = P[: len(C), :], P[len(C) :, :]
+    top, bottom = ca.horzcat(real[E, S], unit), ca.horzcat(imaginary[E, S], ca.SX(*unit.shape))
+    P_re, P_im = ca.SX.zeros(*top.shape), ca.SX.zeros(*top.shape)
+    blocks = _blocks(_links(parts), C) if E == C else [C]
+    for block in blocks:
+        K = [C.index(i) for i in block]
+        a, b = real[[E[k] for k in K], block], imaginary[[E[k] for k in K], block]
+        right = ca.vertcat(top[K, :], bottom[K, :])
+        used = sorted(set(right.sparsity().get_col()))
+        if used:
+            found = ca.solve(ca.blockcat([[a, -b], [b, a]]), -ca.densify(right[:, used]))
+            P_re[K, used], P_im[K, used] = found[: len(K), :], found[len(K) :, :]
     padding = ca.SX(len(R), unit.shape[1])
     Z_re = ca.horzcat(Z_re, padding) + real[R, C] @ P_re - imaginary[R, C] @ P_im
     Z_im = ca.horzcat(Z_im, padding) + real[R, C] @ P_im + imaginary[R, C] @ P_re

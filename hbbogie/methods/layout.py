@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.errors import ModelError
+from hbbogie.methods.condensation import kept_coordinates
 from hbbogie.model.parts import Parts
 from hbbogie.model.system import System
 
@@ -166,7 +167,7 @@ def make_layout(
         When the coordinate that is to set the phase is condensed out.
     """
     nonlinear = parts.nonlinear or tuple(range(system.n))
-    S = nonlinear if condense else tuple(range(system.n))
+    S = kept_coordinates(parts, nonlinear) if condense else tuple(range(system.n))
     place = next((i for i, by in enumerate(advance) if by), None)
     if any(kept) and place is None:
         place = nonlinear[0] if phase is None else system.index(phase)

@@ -300,3 +300,12 @@ def test_alone_it_shows_its_help():
     run = process()
     out, _ = run.communicate(timeout=60)
     assert run.returncode == 0 and "hbbogie problems" in out
+
+
+def test_set_takes_the_options_of_a_builder_that_are_texts():
+    """Only in series does a yaw damper have the parameter kyd."""
+    command = ["simulate", "vehicle", "--set", "yaw_dampers=series", "--set", "kyd=4 MN/m", "--start", "y1=0.001"]
+    result = runner.invoke(app, [*command, "--duration", "0.1", "--no-figures", "--json"])
+    assert result.exit_code == 0, result.output
+    result = runner.invoke(app, ["cycles", "vehicle", "--set", "creep=nonsense"])
+    assert result.exit_code == 2 and "give one of she, linear" in " ".join(result.output.split())

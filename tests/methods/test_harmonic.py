@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -365,3 +367,23 @@ class TestOddAtThePresentValuesOnly:
         (hopf,) = hb.hopf_points(system, "mu", (-1.0, 1.0))
         start = hb.trace(equations, hopf, "mu", (-1.0, 1.0), stability=False).folds()[0]
         assert hb.fold(equations, start, "mu").gradient["e"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_long_chains_are_condensed_in_blocks():
+    """One nonlinear mass amid forty linear ones: a few of these are kept, and the cycle stays the same."""
+    q = [hb.Coordinate(f"q{i}", "m") for i in range(41)]
+    mu, k = hb.Parameter("mu", 0.2), hb.Parameter("k", 0.3)
+    links = [k * (b - a) for a, b in pairwise(q)]
+    sides = zip(q, [0, *links], [*links, 0], strict=True)
+    equations = [u.ddot + u + 0.05 * u.dot - right + left for u, left, right in sides]
+    equations[20] -= (mu + 0.05) * (1 - q[20] ** 2) * q[20].dot
+    system = hb.System("chain", q, [mu, k], equations)
+    condensed, full = (hb.HarmonicBalance(1, condense=c).equations(system) for c in (True, False))
+    assert condensed.size < full.size / 4
+    alone = np.zeros((3, 41))
+    alone[1, 20] = 2.0
+    names, units = system.coordinate_names, ("m",) * 41
+    start = hb.Orbit("chain", names, units, alone, 1.0, dict(system.values))
+    found = [hb.solve(e, start, k=0.05) for e in (condensed, full)]
+    assert found[0].omega == pytest.approx(found[1].omega, rel=1e-10)
+    np.testing.assert_allclose(found[0].coefficients, found[1].coefficients, atol=1e-10)

@@ -24,7 +24,7 @@ def orbit_of(system, x, y):
         system=system.name,
         coordinates=("x", "y"),
         units=("m", "m"),
-        coefficients=np.array([[0.0, 0.0], [x, 0.0], [0.0, y]]),
+        motion=np.array([[0.0, 0.0], [x, 0.0], [0.0, y]]),
         omega=2.0,
         parameters=dict(system.values),
     )

@@ -9,6 +9,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.branches import crossings
+from hbbogie.motion import moving_groups
 
 KNOWN = json.loads((Path(__file__).parent / "vehicle.json").read_text(encoding="utf-8"))
 VEHICLE = hb.load_problem("vehicle")
@@ -187,3 +188,19 @@ def test_fold_and_torus_of_the_front_bogie():
         assert cycle.stability.verdict == verdict
         assert np.abs(cycle.stability.multipliers - complex(*torus["multiplier"])).min() < 1e-3
         assert cycle.omega == pytest.approx(torus["omega"], abs=5e-3)
+
+
+@pytest.mark.slow
+def test_attractors_are_told_apart_in_critical_speeds():
+    """The lowest fold is that of both bogies; the front one's lies within its bound of the value known."""
+    system = VEHICLE.vehicle()
+    found = hb.critical_speeds(system, "V", VEHICLE.RANGE)
+    lowest = {}
+    for one in found:
+        if one.extremum == "minimum":
+            lowest.setdefault(moving_groups(system, one.orbit), one)
+    assert list(lowest) == ["both", "rear bogie", "front bogie"]
+    front = lowest["front bogie"]
+    assert front.value - front.error < KNOWN["fold front"]["V"] < front.value + front.error
+    assert front.omega == pytest.approx(KNOWN["fold front"]["omega"], abs=0.01)
+    assert any("only the rear bogie moves came to another cycle" in said for said in found.evidence)
