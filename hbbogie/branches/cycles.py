@@ -10,9 +10,10 @@ from hbbogie.branches.census import EXACT, Census
 from hbbogie.branches.choice import chosen_methods, equations_of
 from hbbogie.branches.crossing import family_message
 from hbbogie.branches.judging import verified
-from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import NEAR, settled_cycles
+from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
@@ -147,7 +148,7 @@ def find_cycles(
             census.open.insert(0, undecided)
         elif not found and not late:
             census.say_none()
-        if len(methods) > 1:
+        if harmonics == "auto" and method.strip().casefold() == "auto":
             judged = [_best(system, orbit, tolerance) for orbit in once_each(found)]
         else:
             orders = ORDERS if harmonics == "auto" else (int(harmonics),)
@@ -225,6 +226,14 @@ def _judged(system: System, orbit: Orbit) -> Orbit:
     return verified(system, orbit)[0].replace(stability=floquet(system, orbit))
 
 
+def _collocated(system: System, orbit: Orbit) -> CollocatedCycle | None:
+    """Return the cycle that collocation leads to from another; None where there is none, or it does not apply."""
+    try:
+        return collocated(system, from_orbit(system, orbit))
+    except FAILURES:
+        return None
+
+
 def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
     """Return a cycle found, polished by shooting, with as many harmonics as the tolerance takes, or by collocation."""
     if not orbit.method.startswith(POLISHED):
@@ -240,7 +249,7 @@ def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
 
     H = next((H for H in ORDERS if H >= orbit.H or left(H) <= tolerance), orbit.H)
     error = left(H) if orbit.H > H else max(orbit.tail, (orbit.errors or {})["waveform"])
-    if H > MOST and (cycle := solved(system, from_orbit(system, orbit))) is not None:
+    if H > MOST and (cycle := _collocated(system, orbit)) is not None:
         why = f"Taken since {MOST} harmonics leave an error of {left(MOST):.1e}, more than {tolerance:.0e}."
         return cycle.orbit().replace(status=f"{cycle.status} {why}")
     errors, cut = {**(orbit.errors or {}), "waveform": error}, orbit
