@@ -30,10 +30,6 @@ from hbbogie.stability.multipliers import floquet
 Array = NDArray[np.float64]
 LATE = "the time limit was reached"
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
-WHY = {  # one method is taken, by its name
-    "exact": " Taken since the system is linear between switchings.",
-    "collocation": " Taken since neither shooting nor harmonics resolve the cycle.",
-}
 MOST = 63  # harmonics beyond which collocation is taken
 POLISHED = "multiple shooting"  # the method of cycles whose harmonics are then chosen
 
@@ -234,11 +230,24 @@ def _collocated(system: System, orbit: Orbit) -> CollocatedCycle | None:
         return None
 
 
+def _why(orbit: Orbit, tolerance: float) -> str:
+    """Return why a cycle is given by the method that found it, a sentence."""
+    if orbit.method == "exact":
+        return " Taken since the system is linear between switchings."
+    if not orbit.method.startswith("collocation"):
+        return ""
+    tau, H = orbit.motion.phases(), ORDERS[0]
+    q, series = orbit.motion.at(tau), fourier.synthesis(H, tau) @ orbit.harmonics(H)
+    error = float((np.abs(q - series).max(axis=0) / np.maximum(np.abs(q).max(axis=0), 1e-12 * np.abs(q).max())).max())
+    if error > tolerance:
+        return f" Taken since {H} harmonics leave an error of {error:.1e}, more than {tolerance:.0e}."
+    return " Taken since shooting does not close the cycle."
+
+
 def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
     """Return a cycle found, polished by shooting, with as many harmonics as the tolerance takes, or by collocation."""
     if not orbit.method.startswith(POLISHED):
-        why = next((text for name, text in WHY.items() if orbit.method.startswith(name)), "")
-        return orbit.replace(status=f"{orbit.status.rstrip('.')}.{why}")
+        return orbit.replace(status=f"{orbit.status.rstrip('.')}.{_why(orbit, tolerance)}")
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
     peaks = np.maximum(np.abs(orbit.extremes).max(axis=0), np.abs(orbit.advance or 0.0))
     size = np.maximum(peaks, np.finfo(float).tiny)
