@@ -26,7 +26,7 @@ def chosen_methods(
     system : System
     method : {"auto", "exact", "mhb", "collocation"}
         "auto" is "exact" for a system that is linear between switchings. For any other it is "mhb", multi-harmonic
-        balance, and then "collocation" where the system is smooth.
+        balance, and then "collocation" where that applies.
     harmonics : int, optional
         Where they are given, "auto" is "mhb".
     along : str, optional
@@ -51,9 +51,11 @@ def chosen_methods(
         return (name,)
     if harmonics is not None:
         return ("mhb",)
-    if all(element.ramps is None for element in system.elements):
-        return ("mhb", "collocation")
-    return ("exact", "mhb") if is_switched_linear(system) else ("mhb",)
+    if is_switched_linear(system):
+        return ("exact", "mhb")
+    jumps = any(element.heights is not None for element in system.elements)
+    kinked = any(element.ramps is not None for element in system.elements)
+    return ("mhb",) if jumps or (kinked and along is not None) else ("mhb", "collocation")
 
 
 def is_switched_linear(system: System) -> bool:

@@ -10,9 +10,10 @@ from hbbogie.branches.census import EXACT, Census
 from hbbogie.branches.choice import chosen_methods, equations_of
 from hbbogie.branches.crossing import family_message
 from hbbogie.branches.judging import verified
-from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import NEAR, settled_cycles
+from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
@@ -29,10 +30,6 @@ from hbbogie.stability.multipliers import floquet
 Array = NDArray[np.float64]
 LATE = "the time limit was reached"
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
-WHY = {  # one method is taken, by its name
-    "exact": " Taken since the system is linear between switchings.",
-    "collocation": " Taken since neither shooting nor harmonics resolve the cycle.",
-}
 MOST = 63  # harmonics beyond which collocation is taken
 POLISHED = "multiple shooting"  # the method of cycles whose harmonics are then chosen
 
@@ -147,7 +144,7 @@ def find_cycles(
             census.open.insert(0, undecided)
         elif not found and not late:
             census.say_none()
-        if len(methods) > 1:
+        if harmonics == "auto" and method.strip().casefold() == "auto":
             judged = [_best(system, orbit, tolerance) for orbit in once_each(found)]
         else:
             orders = ORDERS if harmonics == "auto" else (int(harmonics),)
@@ -225,11 +222,32 @@ def _judged(system: System, orbit: Orbit) -> Orbit:
     return verified(system, orbit)[0].replace(stability=floquet(system, orbit))
 
 
+def _collocated(system: System, orbit: Orbit) -> CollocatedCycle | None:
+    """Return the cycle that collocation leads to from another; None where there is none, or it does not apply."""
+    try:
+        return collocated(system, from_orbit(system, orbit))
+    except FAILURES:
+        return None
+
+
+def _why(orbit: Orbit, tolerance: float) -> str:
+    """Return why a cycle is given by the method that found it, a sentence."""
+    if orbit.method == "exact":
+        return " Taken since the system is linear between switchings."
+    if not orbit.method.startswith("collocation"):
+        return ""
+    tau, H = orbit.motion.phases(), ORDERS[0]
+    q, series = orbit.motion.at(tau), fourier.synthesis(H, tau) @ orbit.harmonics(H)
+    error = float((np.abs(q - series).max(axis=0) / np.maximum(np.abs(q).max(axis=0), 1e-12 * np.abs(q).max())).max())
+    if error > tolerance:
+        return f" Taken since {H} harmonics leave an error of {error:.1e}, more than {tolerance:.0e}."
+    return " Taken since shooting does not close the cycle."
+
+
 def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
     """Return a cycle found, polished by shooting, with as many harmonics as the tolerance takes, or by collocation."""
     if not orbit.method.startswith(POLISHED):
-        why = next((text for name, text in WHY.items() if orbit.method.startswith(name)), "")
-        return orbit.replace(status=f"{orbit.status.rstrip('.')}.{why}")
+        return orbit.replace(status=f"{orbit.status.rstrip('.')}.{_why(orbit, tolerance)}")
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
     peaks = np.maximum(np.abs(orbit.extremes).max(axis=0), np.abs(orbit.advance or 0.0))
     size = np.maximum(peaks, np.finfo(float).tiny)
@@ -240,7 +258,7 @@ def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
 
     H = next((H for H in ORDERS if H >= orbit.H or left(H) <= tolerance), orbit.H)
     error = left(H) if orbit.H > H else max(orbit.tail, (orbit.errors or {})["waveform"])
-    if H > MOST and (cycle := solved(system, from_orbit(system, orbit))) is not None:
+    if H > MOST and (cycle := _collocated(system, orbit)) is not None:
         why = f"Taken since {MOST} harmonics leave an error of {left(MOST):.1e}, more than {tolerance:.0e}."
         return cycle.orbit().replace(status=f"{cycle.status} {why}")
     errors, cut = {**(orbit.errors or {}), "waveform": error}, orbit

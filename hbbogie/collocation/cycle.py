@@ -17,6 +17,7 @@ from hbbogie.results.orbit import Orbit, Stability
 from hbbogie.results.piecewise import PiecewisePolynomial
 
 Array = NDArray[np.float64]
+ROUND_OFF = 1e-12  # relative error below which no estimate is believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ class CollocatedCycle:
     def orbit(self) -> Orbit:
         """Return the cycle as an orbit, which answers everything about its motion."""
         peaks = np.maximum(np.abs(self.motion.extremes).max(axis=0), np.abs(self.advance or 0.0))
-        errors = {"omega": self.period_error * self.omega, "waveform": self.waveform_error}
+        errors = {"omega": max(self.period_error, ROUND_OFF) * self.omega, "waveform": self.waveform_error}
         errors |= {c: self.waveform_error * float(p) for c, p in zip(self.coordinates, peaks, strict=True)}
         return Orbit(
             self.system,
