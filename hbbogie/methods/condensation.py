@@ -62,7 +62,7 @@ def _links(parts: Parts) -> NDArray[np.bool_]:
 def _blocks(links: NDArray[np.bool_], some: Sequence[int]) -> list[list[int]]:
     """Return those of some coordinates that hang together."""
     count, label = connected_components(links[np.ix_(some, some)], directed=False)
-    return [[some[i] for i in np.flatnonzero(label == k)] for k in range(count)]
+    return [[some[int(i)] for i in np.flatnonzero(label == k)] for k in range(count)]
 
 
 def choose_rows(system: System, parts: Parts, C: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
