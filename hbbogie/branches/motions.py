@@ -92,7 +92,14 @@ def state_of(system: System, start: Start) -> Array:
 
 
 def cycle_after(system: System, start: Start) -> Orbit:
-    """Return the cycle that the motion from a state comes to.
+    """Return the cycle that the motion from a state comes to, polished; in a family of cycles one near the state.
+
+    Parameters
+    ----------
+    system : System
+        At whose values.
+    start : Orbit, Trajectory, mapping from name to value or sequence of float
+        The state; a mapping names velocities with a prime, and what it does not name is zero.
 
     Raises
     ------
