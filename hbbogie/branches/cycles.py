@@ -30,6 +30,7 @@ from hbbogie.stability.multipliers import floquet
 Array = NDArray[np.float64]
 LATE = "the time limit was reached"
 ORDERS = (15, 31, 63, 127)  # highest harmonics tried in turn
+REFINED = 1e-6  # distance of the frequencies of a cycle and of itself on a better mesh
 MOST = 63  # harmonics beyond which collocation is taken
 POLISHED = "multiple shooting"  # the method of cycles whose harmonics are then chosen
 
@@ -246,6 +247,9 @@ def _why(orbit: Orbit, tolerance: float) -> str:
 
 def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
     """Return a cycle found, polished by shooting, with as many harmonics as the tolerance takes, or by collocation."""
+    if orbit.method.startswith("collocation"):  # from a branch, whose mesh may be that of a point before
+        again = _collocated(system, orbit)
+        orbit = again.orbit() if again and abs(again.omega / orbit.omega - 1) < REFINED else orbit
     if not orbit.method.startswith(POLISHED):
         return orbit.replace(status=f"{orbit.status.rstrip('.')}.{_why(orbit, tolerance)}")
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])

@@ -18,8 +18,8 @@ def shipped(name, **values):
 
 
 @pytest.mark.parametrize(("which", "verdict"), [(0, "repels"), (1, "attracts")])
-def test_both_cycles_of_the_bogie(bogie, cycles_at_90, which, verdict):
-    cycle = cycles_at_90[which]
+def test_both_cycles_of_the_bogie(bogie, which, verdict):
+    cycle = hb.find_cycles(bogie, V=90.0)[which]
     found = measure_attraction(bogie, cycle)
     assert found.verdict == verdict == {"stable": "attracts", "unstable": "repels"}[cycle.stability.verdict]
     moduli = np.abs(np.delete(cycle.stability.multipliers, np.argmin(np.abs(cycle.stability.multipliers - 1))))
