@@ -150,7 +150,7 @@ def find_cycles(
         else:
             orders = ORDERS if harmonics == "auto" else (int(harmonics),)
             judged = _by(methods[0], census, once_each(found), orders, tolerance)
-    judged = [o if stability else o.replace(stability=None) for o in judged]
+    judged = once_each(o if stability else o.replace(stability=None) for o in judged)
     return Cycles(judged, [*late, *census.evidence], [*late, *census.open])
 
 
