@@ -30,6 +30,11 @@ def call(*args):
     return runner.invoke(app, ["study", *map(str, args)])
 
 
+def about(document):
+    """Return what the report says about the study, by its names."""
+    return dict(next(table["rows"] for table in document["tables"] if table["name"] == "about"))
+
+
 def test_run_status_export_report(tmp_path):
     path = write_study(tmp_path)
     result = call("run", path, "--workers", 0)
@@ -117,7 +122,7 @@ def test_a_job_that_prints_and_changes_its_directory(tmp_path, workers):
     run = process("hbbogie", "study", "run", path.name, "--workers", workers, "-o", "out", "--json", cwd=tmp_path)
     out, err = run.communicate(timeout=60)
     assert run.returncode == 0, err
-    assert "40 of 40 finished" in dict(json.loads(out)["tables"][0]["rows"])["points"]
+    assert "40 of 40 finished" in about(json.loads(out))["points"]
     assert "printed\n" in err and "printed by another process" in err
     assert (tmp_path / "out" / "products.html").exists() and finished(tmp_path / "products.db") == 40
     assert list((tmp_path / "elsewhere").iterdir()) == []
@@ -256,7 +261,7 @@ def test_shipped_studies_in_small(tmp_path, name, count):
     output = ("--output", tmp_path / "out") if name.startswith("conicity") else ()
     result = call("run", name, "--points", count, "--workers", 0, "--json", *output)
     assert result.exit_code == 0, result.output
-    rows = dict(json.loads(result.stdout)["tables"][0]["rows"])
+    rows = about(json.loads(result.stdout))
     assert f"{count} of {count} finished, 0 without an answer" in rows["points"]
     assert not output or (tmp_path / "out" / f"{name}.html").stat().st_size > 50_000
 
@@ -267,7 +272,7 @@ def test_shipped_uncertainty_in_small():
     result = call("run", "creep_conicity_uncertainty", "--points", 8, "--workers", 0, "--json")
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
-    assert "56 of 56 finished, 0 without" in dict(document["tables"][0]["rows"])["points"]
+    assert "56 of 56 finished, 0 without" in about(document)["points"]
     assert {"2_sensitivity", "1_exceedance", "3_prediction"} <= {t["name"] for t in document["tables"]}
 
 

@@ -49,10 +49,13 @@ def test_branch_of_one_harmonic_in_closed_form():
 
 
 def test_wheelset_on_profiles_by_two_methods():
-    """S1002 on UIC60 with Polach's law: harmonic balance and shooting agree, and a motion stays on the cycle."""
+    """S1002 on UIC60 with Polach's law: harmonic balance and shooting agree, and a motion stays on the cycle.
+
+    Between two stable cycles of a family that the amplitude orders there must be an unstable one.
+    """
     system = WHEELSET.wheelset_on_profiles(V=45.0)
-    small, large = hb.find_cycles(system, V=45.0)
-    assert small.verdict == large.verdict == "stable"
+    small, between, large = hb.find_cycles(system, V=45.0)
+    assert [cycle.verdict for cycle in (small, between, large)] == ["stable", "unstable", "stable"]
     assert large.amplitude("y") > system.values["y0"] > small.amplitude("y")
     balanced = hb.solve(hb.HarmonicBalance(63).equations(system), small, method="newton", V=45.0)
     assert balanced.omega == pytest.approx(small.omega, rel=1e-5)
