@@ -179,7 +179,9 @@ class Census:
                 if on_one_of(motion, self.marks):
                     return "came to a cycle found already"
                 if (cycle := solved(self.system, motion)) is not None:
-                    self._keep(cycle.orbit(), f"a motion from {where}", cycle.mark())
+                    if (member := self.polishing.isolated(cycle.orbit())) is None:
+                        return "came to one of a continuous family of cycles"
+                    self._keep(member, f"a motion from {where}", cycle.mark())
                     return "came to a cycle"
             self.unsettled += 1
         self.undecided[sense] += 1

@@ -23,6 +23,7 @@ from hbbogie.stability.verification import verify
 FINER = (31, 63)  # harmonics with which a candidate is tried again where shooting does not close it
 UNRESOLVED = 1e-2  # tail of an orbit beyond which collocation is tried before shooting
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
+ONE, SPLIT = 1e-2, 1e-6  # largest error of the trivial multiplier, and distance from 1 of others that are 1 as well
 EXACT = 1e-10  # error of shooting, and of cycles in closed form
 
 
@@ -46,7 +47,7 @@ class Polishing:
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
         """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm."""
         if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
-            return cycle.orbit()
+            return self.isolated(cycle.orbit())
         finer, resolved = orbit, False
         for H in (0, *finer_harmonics):
             try:
@@ -60,8 +61,10 @@ class Polishing:
                 continue
             except FAILURES:
                 break
+        if self.family:
+            return None
         if orbit.tail <= UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
-            return cycle.orbit()
+            return self.isolated(cycle.orbit())
         if not resolved or finer.tail > CONVERGED**0.5:
             return None
         stability = floquet(self.system, finer)
@@ -76,12 +79,25 @@ class Polishing:
         if found is not checked.orbit:
             return self._checked(found)
         found = in_one_turn(system, found)
-        if not checked.isolated:
-            size = np.abs(orbit.coefficients).sum(axis=0)
-            states = np.append(size, orbit.omega * size[list(system.second_order)])
-            if not len(conserved_quantities(system, system.vector(), states)):
-                self.family = family_message(system, self.parameter, found)
-                raise ConvergenceError(self.family, orbit=orbit)
+        if not checked.isolated and not self._conserved(orbit):
+            self.family = family_message(system, self.parameter, found)
+            raise ConvergenceError(self.family, orbit=orbit)
         errors = {"omega": max(checked.closure, EXACT) * found.omega, "waveform": max(checked.closure, EXACT)}
         errors |= {c: max(checked.closure, EXACT) * peak for c, peak in checked.amplitudes.items()}
         return found.replace(errors=errors)
+
+    def _conserved(self, orbit: Orbit) -> int:
+        """Return how many linear quantities are conserved."""
+        size = np.abs(orbit.coefficients).sum(axis=0)
+        states = np.append(size, orbit.omega * size[list(self.system.second_order)])
+        return len(conserved_quantities(self.system, self.system.vector(), states))
+
+    def isolated(self, cycle: Orbit) -> Orbit | None:
+        """Return a cycle of collocation; None for one of a continuous family, which has a further multiplier 1."""
+        s = cycle.stability
+        if s is not None and s.trivial_error <= ONE:
+            ones = np.count_nonzero(np.abs(s.multipliers - 1) <= max(SPLIT, 3 * s.trivial_error))
+            if ones > 1 + self._conserved(cycle):
+                self.family = family_message(self.system, self.parameter, cycle)
+                return None
+        return cycle

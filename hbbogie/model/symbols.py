@@ -13,10 +13,10 @@ from hbbogie.errors import ModelError, as_number, told
 
 # Keywords of the functions that take the values of parameters by name: a parameter of such a name could not be given.
 _KEYWORDS = (
-    "accept_changes amplitude backwards batch chunk coordinate duration equations executor free guess harmonics initial "
-    "interval iterations job limit longest maximise method minimise objective options over parameter points problem "
-    "progress raise_ rate reach resume retry_failed scheduler secondary seed span stability start starts step store "
-    "subject_to system tolerance values workers"
+    "accept_changes amplitude backwards batch chunk coordinate duration equations executor free guess harmonics "
+    "initial interval iterations job limit longest maximise method minimise objective options over parameter points "
+    "problem progress raise_ rate reach resume retry_failed scheduler secondary seed span stability start starts "
+    "step store subject_to system tolerance values workers"
 )
 RESERVED = frozenset(_KEYWORDS.split())
 _ARITHMETIC = (
