@@ -239,7 +239,7 @@ def measure_auto(table: Table) -> None:
     spent = min(float(value) for one in done for value in re.findall(r"Total Time +(\S+)", one.stdout))
     fold_at = re.findall(r"LP +\d+ +(\S+)", done[-1].stdout)
     points = re.findall(r"^ +1 +(\d+)  (?:EP|UZ|MX)", done[-1].stdout, re.MULTILINE)
-    table.rows.append((what, spent, spent, f"{points[-1]} points, fold {float(fold_at[0]):.4f} m/s"))
+    table.rows.append((what, spent, spent, f"{points[-1]} points, fold {min(map(float, fold_at)):.4f} m/s"))
 
 
 def measure_explorer(table: Table, moves: int = 50) -> None:

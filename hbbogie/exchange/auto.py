@@ -165,7 +165,7 @@ NDIM = {system.n_states}, IPS = 2, IRS = 0, ILP = 1
 ICP = ['{parameter}', 'period']
 NTST = {intervals}, NCOL = 4, IAD = 3, ISP = 2, ISW = 1, IPLT = 0, NBC = 0, NINT = 0
 NMX = 300, NPR = 1000, MXBF = 0, IID = 2, ITMX = 9, ITNW = 7, NWTN = 3, JAC = 1
-EPSL = 1e-09, EPSU = 1e-09, EPSS = 1e-07
+EPSL = 1e-09, EPSU = 1e-09, EPSS = 1e-05
 DS = 0.02, DSMIN = 1e-06, DSMAX = 0.3, IADS = 1
 NPAR = {max(*places.values(), 36)}, THL = {{'{parameter}': {1 / own:.3g}, 'period': 0.0}}, THU = {weights}
 UZSTOP = {{'{parameter}': [{interval[0]!r}, {interval[1]!r}]}}
