@@ -128,7 +128,8 @@ class Walker:
                 return None
             equations = HarmonicBalance(H).equations(self.system)
             options: dict[str, Any] = {"families": False, "stability": False, "max_points": MOST}
-            return self._balanced(equations, trace(equations, orbit, self.parameter, self.span, **options), name, [])
+            start = solve(equations, orbit, method="newton")  # where that fails more harmonics do, or collocation
+            return self._balanced(equations, trace(equations, start, self.parameter, self.span, **options), name, [])
 
         return attempt
 
