@@ -26,7 +26,6 @@ from hbbogie.motion.energy import alone
 from hbbogie.results import Orbit, SpecialPoint
 
 Array = NDArray[np.float64]
-BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
 MOST_FOLLOWED = 6  # branches through cycles that motions have found
 SOLVED = ("exact", "collocation")  # methods whose cycles need no polish
@@ -52,7 +51,7 @@ class Census:
     ):
         self.system, self.parameter, self.start, self.backwards = system, parameter, start, backwards
         self.value = system.values[parameter]
-        self.span = widened(system, parameter, interval, BEYOND)
+        self.span = widened(system, parameter, interval)
         self.branches = find_equilibria(system, parameter, self.span, start=start)
         self.hopf = _distinct(self.branches.special("hopf"))
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)

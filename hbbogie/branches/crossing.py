@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hbbogie.branches.continuation import trace
 from hbbogie.equilibria.hopf import hopf_points
@@ -15,6 +17,7 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.motion.integration import initial_state
 from hbbogie.results.branch import Branch, SpecialPoint
+from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
 from hbbogie.solving.solvers import solve
@@ -91,10 +94,15 @@ def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]
     return found
 
 
-def extent(name: str, branch: Branch) -> str:
-    """Return a sentence on where a branch, which has a name, was followed and why it ended."""
-    ends = "; ".join(str(end) for end in branch.ends if end.kind != "began")
-    return f"{name} was followed from {branch.values.min():.6g} to {branch.values.max():.6g}: {ends}"
+def complete(branch: Branch) -> bool:
+    """Tell whether a branch was followed to both its ends."""
+    return all(end.complete for end in branch.ends)
+
+
+def extent(name: str, values: ArrayLike, ends: Iterable[Ending], how: str = "") -> str:
+    """Return a sentence on where a branch, which has a name, was followed, how, and why it ended."""
+    why = "; ".join(str(end) for end in ends if end.kind != "began")
+    return f"{name} was followed{how and ' ' + how} from {np.min(values):.6g} to {np.max(values):.6g}: {why}"
 
 
 def family_message(system: System, name: str, orbit: Orbit) -> str:

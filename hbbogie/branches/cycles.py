@@ -10,10 +10,9 @@ from hbbogie.branches.census import EXACT, Census
 from hbbogie.branches.choice import chosen_methods, equations_of
 from hbbogie.branches.crossing import family_message
 from hbbogie.branches.judging import verified
+from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import NEAR, settled_cycles
-from hbbogie.collocation.cycle import CollocatedCycle
-from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
@@ -223,14 +222,6 @@ def _judged(system: System, orbit: Orbit) -> Orbit:
     return verified(system, orbit)[0].replace(stability=floquet(system, orbit))
 
 
-def _collocated(system: System, orbit: Orbit) -> CollocatedCycle | None:
-    """Return the cycle that collocation leads to from another; None where there is none, or it does not apply."""
-    try:
-        return collocated(system, from_orbit(system, orbit))
-    except FAILURES:
-        return None
-
-
 def _why(orbit: Orbit, tolerance: float) -> str:
     """Return why a cycle is given by the method that found it, a sentence."""
     if orbit.method == "exact":
@@ -248,7 +239,7 @@ def _why(orbit: Orbit, tolerance: float) -> str:
 def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
     """Return a cycle found, polished by shooting, with as many harmonics as the tolerance takes, or by collocation."""
     if orbit.method.startswith("collocation"):  # from a branch, whose mesh may be that of a point before
-        again = _collocated(system, orbit)
+        again = solved(system, from_orbit(system, orbit), kinked=True)
         orbit = again.orbit() if again and abs(again.omega / orbit.omega - 1) < REFINED else orbit
     if not orbit.method.startswith(POLISHED):
         return orbit.replace(status=f"{orbit.status.rstrip('.')}.{_why(orbit, tolerance)}")
@@ -262,7 +253,7 @@ def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
 
     H = next((H for H in ORDERS if H >= orbit.H or left(H) <= tolerance), orbit.H)
     error = left(H) if orbit.H > H else max(orbit.tail, (orbit.errors or {})["waveform"])
-    if H > MOST and (cycle := _collocated(system, orbit)) is not None:
+    if H > MOST and (cycle := solved(system, from_orbit(system, orbit), kinked=True)) is not None:
         why = f"Taken since {MOST} harmonics leave an error of {left(MOST):.1e}, more than {tolerance:.0e}."
         return cycle.orbit().replace(status=f"{cycle.status} {why}")
     errors, cut = {**(orbit.errors or {}), "waveform": error}, orbit

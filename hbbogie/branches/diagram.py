@@ -137,9 +137,9 @@ def bifurcation_diagram(
     if stability:
         traced = about.traced(H, cycles or (), True, notes)
     branches = [b for b in traced if not is_family(b, interval)]
-    named = _named("branch", branches) | about.beyond(branches, families, H, notes)
+    named = numbered("branch", branches) | about.beyond(branches, families, H, notes)
     return Diagram(
-        parameter, interval, hopf, named, _named("family", families), cycles or [], tuple(dict.fromkeys(notes))
+        parameter, interval, hopf, named, numbered("family", families), cycles or [], tuple(dict.fromkeys(notes))
     )
 
 
@@ -168,11 +168,11 @@ class _About:
         for cycle in cycles if inside else ():
             if not any(_near(branch, cycle) for branch in branches):
                 branches += self.one(equations, cycle, stability, notes)
-        named = _named("branch", branches)
+        named = numbered("branch", branches)
         for kind in {s.kind for b in branches for s in b.special if s.onward is not None}:
             starts = [s for b in branches for s in b.special if s.kind == kind and s.onward is not None]
             beyond = [b for start in starts for b in self.one(equations, start, stability, notes)]
-            named |= _named(kind.replace(" ", "_"), beyond)
+            named |= numbered(kind.replace(" ", "_"), beyond)
         return Diagram(self.parameter, self.interval, self.hopf, named, {}, cycles, tuple(dict.fromkeys(notes)))
 
     def one(
@@ -221,7 +221,7 @@ class _About:
                     "Of two asymmetric branches one is shown: the other is its mirror image, q(t) = -q(t + T/2)."
                 )
             found.setdefault(special.kind.replace(" ", "_"), []).extend(beyond)
-        return {name: b for kind, many in found.items() for name, b in _named(kind, many).items()}
+        return {name: b for kind, many in found.items() for name, b in numbered(kind, many).items()}
 
 
 def _one_half(branch: Branch) -> Branch:
@@ -301,5 +301,6 @@ def shown_part(family: Branch, equations: Equations) -> Branch:
     return Branch(tuple(kept), family.parameter, (), (beginning, end))
 
 
-def _named(stem: str, branches: Sequence[Branch]) -> dict[str, Branch]:
+def numbered(stem: str, branches: Sequence[Branch]) -> dict[str, Branch]:
+    """Return branches by name: the stem, with a number where there are several."""
     return {f"{stem}_{i + 1}" if len(branches) > 1 else stem: b for i, b in enumerate(branches)}

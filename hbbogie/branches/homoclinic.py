@@ -11,10 +11,8 @@ from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
 
 UNRESOLVED = 1e-2  # share of the highest harmonics from which cycles are no longer resolved
-MEETS, HITS = (
-    1e-2,
-    1e-3,
-)  # distance from an equilibrium, relative to the range, of a cycle that meets it; resolved or not
+MEETS = 1e-2  # distance from an equilibrium, relative to the range, of a cycle that meets it
+HITS = 1e-3  # the same of a cycle that harmonics resolve
 NEAR, RESTING = 0.1, 0.4  # distance within which a cycle rests there, and share of its period that it spends so
 ADVICE = "follow it from one of its cycles by collocation: trace(Collocation().equations(system), ...)"
 

@@ -11,7 +11,7 @@ from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import in_one_turn, of_prime_period
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.model.conserved import conserved_quantities
+from hbbogie.model.conserved import conserved_along
 from hbbogie.model.system import System
 from hbbogie.model.turns import turns_of
 from hbbogie.results import Orbit
@@ -88,9 +88,7 @@ class Polishing:
 
     def _conserved(self, orbit: Orbit) -> int:
         """Return how many linear quantities are conserved."""
-        size = np.abs(orbit.coefficients).sum(axis=0)
-        states = np.append(size, orbit.omega * size[list(self.system.second_order)])
-        return len(conserved_quantities(self.system, self.system.vector(), states))
+        return len(conserved_along(self.system, orbit, self.system.vector()))
 
     def isolated(self, cycle: Orbit) -> Orbit | None:
         """Return a cycle of collocation; None for one of a continuous family, which has a further multiplier 1."""

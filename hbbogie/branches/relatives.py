@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hbbogie import fourier
-from hbbogie.model.conserved import conserved_quantities
+from hbbogie.model.conserved import conserved_along
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
@@ -38,8 +38,7 @@ def relatives(system: System, orbit: Orbit) -> Iterator[tuple[str, Orbit]]:
     if not symmetric or orbit.is_odd(ODD):
         return
     size = np.abs(c).sum(axis=0)
-    states = np.append(size, orbit.omega * size[list(system.second_order)])
-    held = conserved_quantities(system, system.vector(**orbit.parameters), states)[:, : system.n]
+    held = conserved_along(system, orbit, system.vector(**orbit.parameters))[:, : system.n]
     if (np.abs(held @ c[0]) > ODD * (np.abs(held) @ size)).any():
         return  # the mirror image has other values of what is conserved
     yield MIRROR, orbit.replace(coefficients=-c)

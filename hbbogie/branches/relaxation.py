@@ -39,9 +39,12 @@ def _kinked(system: System) -> bool:
     return any(element.ramps is not None for element in system.elements)
 
 
-def solved(system: System, guess: Guess) -> CollocatedCycle | None:
-    """Return the cycle that collocation leads to from a guess; None where there is none."""
-    if _kinked(system):
+def solved(system: System, guess: Guess, *, kinked: bool = False) -> CollocatedCycle | None:
+    """Return the cycle that collocation leads to from a guess; None where there is none.
+
+    Systems with piecewise-linear elements are tried only if ``kinked`` says so.
+    """
+    if _kinked(system) and not kinked:
         return None
     try:
         return collocated(system, guess)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hbbogie.model.conserved import conserved_quantities
+from hbbogie.model.conserved import conserved_along
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import FAILURES
@@ -26,9 +26,7 @@ def doubt_at_fold(system: System, orbit: Orbit) -> str:
     except FAILURES:
         return ""
     m = s.multipliers if s.half_multipliers is None else s.half_multipliers
-    size = np.abs(orbit.coefficients).sum(axis=0)
-    states = np.append(size, orbit.omega * size[list(system.second_order)])
-    held = len(conserved_quantities(system, system.vector(**orbit.parameters), states))  # leave as many at 1 anyway
+    held = len(conserved_along(system, orbit, system.vector(**orbit.parameters)))  # leave as many at 1 anyway
     place = 1 if s.half_multipliers is not None else 1 + held
     if len(m) <= place or not np.isfinite(m).all():
         return ""

@@ -11,7 +11,7 @@ import numpy as np
 from hbbogie.branches.closed_form import exact_crossings, exact_walk, exact_walk_through
 from hbbogie.branches.collocated import branch_of, followed_from
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import crossings, extent, from_hopf
+from hbbogie.branches.crossing import complete, crossings, extent, from_hopf
 from hbbogie.branches.same import alike, once_each, samples
 from hbbogie.collocation.method import Collocation
 from hbbogie.deadline import time_is_over
@@ -114,10 +114,9 @@ class Walker:
         if high - low <= SAME * (self.span[1] - self.span[0]):
             return None
         lost = walk.marked("not located") + walk.marked("fold not located")
-        ends = str(walk.end) if walk.beginning.kind == "began" else f"{walk.beginning}; {walk.end}"
-        said = f"{name} was followed in closed form from {low:.6g} to {high:.6g}: {ends}"
-        complete = not lost and walk.end.complete and walk.beginning.complete
-        return Walked(said, complete, [orbit for _, orbit in exact_crossings(walk, self.value)])
+        said = extent(name, values, (walk.beginning, walk.end), "in closed form")
+        whole = not lost and walk.end.complete and walk.beginning.complete
+        return Walked(said, whole, [orbit for _, orbit in exact_crossings(walk, self.value)])
 
     def _through_exact(self, orbit: Orbit, name: str) -> Walked | None:
         return self._exact(exact_walk_through(self.system, orbit, self.parameter, self.span), name)
@@ -136,7 +135,7 @@ class Walker:
     def _balanced(self, equations: Equations, branch: Branch, name: str, cycles: list[Orbit]) -> Walked:
         """Return a branch of harmonic balance; where its cycles are not resolved they are those of collocation."""
         cycles = once_each([*cycles, *crossings(equations, branch, self.value)])
-        said, complete = extent(name, branch), all(end.complete for end in branch.ends)
+        said, whole = extent(name, branch.values, branch.ends), complete(branch)
         room = BESIDE * (self.span[1] - self.span[0])
         for orbits in (branch.orbits, branch.orbits[::-1]):
             k = next((i for i, o in enumerate(orbits) if o.tail <= UNRESOLVED), 0)
@@ -147,8 +146,8 @@ class Walker:
             try:
                 cycles += replace(self, span=part)._collocated(orbits[k], name).cycles
             except FAILURES:
-                said, complete = f"{said}; its cycles near {self.parameter} = {values[0]:.6g} are not resolved", False
-        return Walked(said, complete, cycles)
+                said, whole = f"{said}; its cycles near {self.parameter} = {values[0]:.6g} are not resolved", False
+        return Walked(said, whole, cycles)
 
     def _collocated(self, orbit: Orbit, name: str) -> Walked:
         if (turns := _turns(orbit)) > MOST_TURNS:
@@ -157,7 +156,7 @@ class Walker:
         followed = followed_from(equations, orbit, self.parameter, self.span, max_points=MOST_COLLOCATED)
         branch = branch_of(followed, self.system, orbit, stability=False)
         cycles = [cycle.orbit() for _, cycle in followed.crossings(self.value)]
-        return Walked(extent(f"{name}, by collocation,", branch), all(end.complete for end in branch.ends), cycles)
+        return Walked(extent(f"{name}, by collocation,", branch.values, branch.ends), complete(branch), cycles)
 
 
 def _turns(orbit: Orbit) -> int:

@@ -305,7 +305,10 @@ def in_time(limit: float | None, job: Callable[[], Report]) -> Report:
     from hbbogie.reports.figures import Figures, drawn_or_reason
 
     with time_limit(limit):
-        found, over = job(), time_is_over()
+        found = job()
+        if page_wanted.get() is not None:  # what it says belongs to the time
+            found = replace(found, summary=(*found.summary, *found.later()), later=tuple)
+        over = time_is_over()
     if not over:
         return found
     said = (

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hbbogie.branches.choice import is_switched_linear
 from hbbogie.brief import brief
 from hbbogie.critical.speeds import critical_speeds
 from hbbogie.errors import ModelError, door
 from hbbogie.exact.critical import critical_values
-from hbbogie.exact.model import switched_linear
 from hbbogie.model.ranges import check_interval, default_reach
 from hbbogie.model.system import System
 
@@ -140,9 +140,7 @@ def critical_speeds_of(
     for name, values in designs.items():
         p[:, names.index(name)] = values
     span = interval or default_reach(system, parameter)
-    try:
-        switched_linear(system)
-    except ModelError:
+    if not is_switched_linear(system):
         check_interval(system, parameter, span)
         return _one_by_one(system, designs, parameter, span)
     found = critical_values(system, p, parameter, span)

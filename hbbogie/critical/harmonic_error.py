@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.collocation.method import Collocation, CollocationEquations
 from hbbogie.critical.folds import fold
 from hbbogie.deadline import time_is_over
@@ -18,11 +19,11 @@ from hbbogie.results import Orbit
 from hbbogie.results.critical import Critical
 from hbbogie.results.failure import FAILURES
 from hbbogie.results.orbit import NOT_RESOLVED
-from hbbogie.solving.newton import Conditions, Problem
+from hbbogie.solving.arclength import advance, correct
 
 Array = NDArray[np.float64]
 FIRST_STRIDE, LONGEST_STRIDE = 1e-3, 0.1  # along the curve, scaled
-STRIDES, CORRECTIONS = 15, 12
+STRIDES = 15
 MET = 1e-11  # largest scaled residual of a point of the curve
 CLOSE = 1e-10  # change of the parameter up to which a fold is met, relative to its value
 
@@ -37,8 +38,8 @@ def with_error(system: System, critical: Critical, harmonics: int) -> Critical:
     """Return a fold with a bound of the error that the harmonics left out make in its value.
 
     Where the system is linear between switchings that is the distance from the fold in closed form. Elsewhere the
-    fold is located with twice the harmonics, and the bound is twice the change; where that leads to
-    no such fold, by collocation. A fold that neither of them has is not resolved.
+    fold is located with twice the harmonics, and the bound is twice the change; where that leads to no such fold, by
+    collocation. A fold that neither of them has is not resolved.
 
     Parameters
     ----------
@@ -119,47 +120,26 @@ def fold_value(equations: Equations, orbit: Orbit, parameter: str) -> tuple[floa
     tuple of float [unit of the parameter], float [rad/s] and {"minimum", "maximum"}, or None
         None where the iteration leads to no fold.
     """
-    place, equations = equations.system.parameter_names.index(parameter), equations.phased(orbit)
-    p = equations.system.vector(**{parameter: orbit.parameters[parameter]})
-    problem = Problem(equations, Conditions((place,)), p)
-    y, tangent = np.append(equations.encode(orbit), p[place]), None
+    equations, value = equations.phased(orbit), orbit.parameters[parameter]
+    size, p = abs(value) or 1.0, equations.system.vector(**{parameter: value})
+    curve = CycleCurve(equations, parameter, (value - 2 * size, value + 2 * size), p, MET)
+    u = np.append(equations.encode(orbit), value)
+    point, _ = correct(curve, u, np.linalg.svd(curve.evaluate(u)[1])[2][-1])
     stride, before = FIRST_STRIDE, None
     for _ in range(STRIDES):
-        corrected = _corrected(problem, y, tangent)
-        if corrected is None:
+        if point is None:
             return None
-        y, tangent = corrected
-        slope = float(tangent[-1])
+        slope = float(point.tangent[-1])
         if before is not None:
             growth = (slope - before) / stride  # of the slope along the curve
             if growth == 0:
                 return None
             stride = -slope / growth
-            if abs(slope * stride * problem.scale[-1]) <= CLOSE * abs(y[-1]):
-                value = float(y[-1] + 0.5 * slope * stride * problem.scale[-1])
-                return value, equations.decode(y[:-1], p, "").omega, "minimum" if growth > 0 else "maximum"
+            rest = slope * stride * curve.scale[-1]
+            if abs(rest) <= CLOSE * abs(point.u[-1]):
+                omega = float(equations.frequency(point.u[:-1]))
+                return float(point.u[-1] + 0.5 * rest), omega, "minimum" if growth > 0 else "maximum"
             stride = float(np.clip(stride, -LONGEST_STRIDE, LONGEST_STRIDE))
         before = slope
-        y = y + stride * problem.scale * tangent
-    return None
-
-
-def _corrected(problem: Problem, y: Array, along: Array | None) -> tuple[Array, Array] | None:
-    """Return the point of the curve across a direction, and the tangent there, in scaled unknowns; None where lost."""
-    for _ in range(CORRECTIONS):
-        F, J = problem.evaluate(y)
-        F, J = F / problem.row_scale, J / problem.row_scale[:, None] * problem.scale
-        if not np.isfinite(J).all():
-            return None
-        row = np.linalg.svd(J)[2][-1] if along is None else along
-        right = np.zeros((len(y), 2))
-        right[:-1, 0], right[-1, 1] = -F, 1.0
-        try:
-            step, tangent = np.linalg.solve(np.vstack([J, row]), right).T
-        except np.linalg.LinAlgError:
-            return None
-        tangent = tangent / np.linalg.norm(tangent)
-        if np.abs(F).max() <= MET:
-            return y, tangent
-        y = y + problem.scale * step
+        point, _ = advance(curve, point, stride)
     return None

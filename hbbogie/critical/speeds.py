@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -11,7 +10,7 @@ from hbbogie.branches.choice import chosen_methods
 from hbbogie.branches.closed_form import exact_branch, exact_critical, exact_walk
 from hbbogie.branches.collocated import collocated_critical, followed_from
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import extent, from_hopf
+from hbbogie.branches.crossing import complete, extent, from_hopf
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.collocation.method import Collocation
 from hbbogie.critical.folds import fold
@@ -24,14 +23,13 @@ from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.model.ranges import check_interval
+from hbbogie.model.ranges import check_interval, widened
 from hbbogie.model.system import System
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical, Criticals
-from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES, ConvergenceError
+from hbbogie.results.orbit import Orbit
 
-BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 SAME = 1e-7  # relative distance in value and frequency below which two points are one
 HARMONICS = 21  # highest harmonic of a fold by harmonic balance, where none is given
 BY = {"exact": "in closed form", "mhb": "by harmonic balance", "collocation": "by collocation"}
@@ -99,9 +97,7 @@ def critical_speeds(
     harmonics = HARMONICS if harmonics is None else harmonics
     HarmonicBalance(harmonics).check(system)
     lo, hi = check_interval(system, parameter, interval)
-    # the branch of a fold inside may begin at a Hopf point beyond the end
-    around = lo - BEYOND * (hi - lo), hi + BEYOND * (hi - lo)
-    span = check_interval(system, parameter, around)
+    span = widened(system, parameter, (lo, hi))  # the branch of a fold inside may begin at a Hopf point beyond the end
     with time_limit(limit):
         search = _Search(system, methods, harmonics, span)
         points = hopf_points(system, parameter, span, start=start)
@@ -141,12 +137,13 @@ class _Search:
     evidence: list[str] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
+    doubts: dict[Orbit, str] = field(default_factory=dict)
 
     def look_in_groups(self, hopf: list[float]) -> None:
         """Follow the branches to which motions of one group of bodies lead, up to where these were begun."""
         if not self.branches or time_is_over():
             return
-        coarse, parameter = HarmonicBalance(ORDERS[0]).equations(self.equations.system), self.branches[0].parameter
+        coarse, parameter = HarmonicBalance(ORDERS[0]).equations(self.system), self.branches[0].parameter
         for said, cycle in cycles_of_groups(coarse, self.branches, hopf):
             self.evidence.append(said)
             if cycle is None:
@@ -196,7 +193,7 @@ class _Search:
         walk = exact_walk(self.system, hopf, self.span)
         lost = walk.marked("not located") + walk.marked("fold not located")
         folds = [exact_critical(point) for point in walk.marked("fold")]
-        said = _extent(f"{name} was followed in closed form", [p.value for p in walk.points], walk.end)
+        said = extent(name, [p.value for p in walk.points], (walk.end,), "in closed form")
         said += "; the order of its contacts was lost on the way" if lost else ""
         branches = [exact_branch(walk, hopf)] if self.system.groups else []
         return _Followed(said, folds, walk.end.complete and not lost, branches)
@@ -205,7 +202,7 @@ class _Search:
         followed = followed_from(Collocation().equations(self.system), hopf, hopf.parameter, self.span)
         folds = [collocated_critical(special) for special in followed.special(("fold",))]
         values = [*map(float, followed.values), *(c.value for c in folds)]
-        said = _extent(f"{name} was followed by collocation", values, followed.ends[1])
+        said = extent(name, values, followed.ends[1:], "by collocation")
         return _Followed(said, folds, followed.ends[1].complete)
 
     def _by_harmonics(self, hopf: SpecialPoint, name: str) -> _Followed:
@@ -226,15 +223,15 @@ class _Search:
             except ConvergenceError:  # of a fold that these harmonics alone have
                 continue
             tail = max(o.tail for branch in branches for o in branch.orbits)
-            if all(map(_complete, branches)) and tail <= RESOLVED:
+            if all(map(complete, branches)) and tail <= RESOLVED:
                 break
         if not branches:
             return _Followed(f"{name} was not followed: {why}", [], False)
-        said, lost = "; ".join(extent(name, branch) for branch in branches), tail > LOST
+        said, lost = "; ".join(extent(name, b.values, b.ends) for b in branches), tail > LOST
         if lost:
             said += f"; {H} harmonics do not resolve all its cycles, whose folds may be others"
-        whole = all(map(_complete, branches)) and not lost
-        if whole and "collocation" in self.methods and any(doubt_at_fold(self.system, c.orbit) for c in folds):
+        whole = all(map(complete, branches)) and not lost
+        if whole and "collocation" in self.methods and any(self._doubt(c) for c in folds):
             said, whole = f"{said}; {self.harmonics} harmonics do not resolve a fold of it", False
         return _Followed(said, folds, whole, branches)
 
@@ -261,22 +258,20 @@ class _Search:
             **shown,
         )
 
+    def _doubt(self, critical: Critical) -> str:
+        """Return why a fold may be none; its multipliers are computed once."""
+        orbit = critical.orbit
+        if orbit not in self.doubts:
+            self.doubts[orbit] = doubt_at_fold(self.system, orbit)
+        return self.doubts[orbit]
+
     def certified(self, critical: Critical) -> Critical:
         """Return a fold of harmonic balance with its error, and a status that says so where it is not resolved."""
         if critical.kind != "fold" or critical.orbit.kept is None:
             return critical
         critical = with_error(self.system, critical, self.harmonics)
-        doubt = doubt_at_fold(self.system, critical.orbit)
+        doubt = self._doubt(critical)
         return replace(critical, status=f"{critical.status}; {doubt}") if doubt else critical
-
-
-def _extent(name: str, values: Sequence[float], end: Ending) -> str:
-    """Return how far a branch was followed, a sentence."""
-    return f"{name} from {min(values):.6g} to {max(values):.6g}: {end}"
-
-
-def _complete(branch: Branch) -> bool:
-    return all(end.complete for end in branch.ends)
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:

@@ -17,13 +17,12 @@ from hbbogie.exact.model import SwitchedLinear
 from hbbogie.exact.points import Point
 from hbbogie.exact.starting import at_grazing, exact_cycle
 from hbbogie.exact.walk import Walk, follow
-from hbbogie.model.ranges import check_interval
+from hbbogie.model.ranges import check_interval, widened
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
-BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
 _Answer = tuple[Fold | None, str, bool, bool]  # the fold, what was found, whether that failed, whether it is complete
 
 
@@ -196,7 +195,7 @@ def _followed(system: System, parameter: str, p: Array, interval: tuple[float, f
     """
     one = system.with_parameters(**dict(zip(system.parameter_names, map(float, p), strict=True)))
     low, high = interval
-    wide = check_interval(one, parameter, (low - BEYOND * (high - low), high + BEYOND * (high - low)))
+    wide = widened(one, parameter, interval)
     hopfs = hopf_points(one, parameter, wide)
     first = next((hopf.value for hopf in hopfs if low <= hopf.value <= high), None)
     below: list[Point] = []

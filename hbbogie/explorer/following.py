@@ -6,10 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hbbogie.branches.choice import is_switched_linear
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, is_family
 from hbbogie.branches.cycles import find_cycles
-from hbbogie.branches.diagram import Diagram, bifurcation_diagram, shown_part
+from hbbogie.branches.diagram import Diagram, bifurcation_diagram, numbered, shown_part
 from hbbogie.branches.same import once_each
 from hbbogie.brief import brief
 from hbbogie.deadline import time_is_over, time_limit
@@ -108,10 +109,7 @@ def check_explorable(system: System) -> None:
 
 def equations_of(system: System) -> Equations | ExactEquations:
     """Return the equations of cycles in closed form where there are such, else those of harmonic balance."""
-    try:
-        return Exact().equations(system)
-    except ModelError:
-        return HarmonicBalance(HARMONICS).equations(system)
+    return Exact().equations(system) if is_switched_linear(system) else HarmonicBalance(HARMONICS).equations(system)
 
 
 def _exact(branch: Branch) -> bool:
@@ -228,15 +226,12 @@ def _diagram(view: View, hopf: Sequence[SpecialPoint], found: Sequence[Branch], 
     families = [b for b in found if is_family(b, view.interval)]
     curves = [b for b in found if not is_family(b, view.interval)]
 
-    def named(stem: str, many: Sequence[Branch]) -> dict[str, Branch]:
-        return {f"{stem}_{i + 1}" if len(many) > 1 else stem: b for i, b in enumerate(many)}
-
     return Diagram(
         view.parameter,
         view.interval,
         list(hopf),
-        named("branch", curves),
-        named("family", families),
+        numbered("branch", curves),
+        numbered("family", families),
         [],
         tuple(dict.fromkeys(notes)),
     )

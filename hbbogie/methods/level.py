@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.methods.equations import Equations
-from hbbogie.model.conserved import ZERO, conserved_quantities, expression
+from hbbogie.model.conserved import ZERO, conserved_along, expression
 from hbbogie.once import Once
 from hbbogie.results import Orbit
 
@@ -35,8 +35,7 @@ def within_level(equations: Equations, orbit: Orbit) -> Equations:
     if equations.phase is None or orbit.coordinates != system.coordinate_names:
         return equations
     size = np.abs(orbit.coefficients).sum(axis=0)
-    states = np.append(size, orbit.omega * size[list(system.second_order)])
-    rows = conserved_quantities(system, system.vector(), states)[:, : system.n]
+    rows = conserved_along(system, orbit, system.vector())[:, : system.n]
     rows = rows[np.abs(rows).max(axis=1, initial=0.0) > 0]
     places = _dependent(equations, orbit, len(rows)) if len(rows) else np.empty(0, dtype=int)
     if not len(places) or len(places) != len(rows):

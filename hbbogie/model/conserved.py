@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from hbbogie.model.system import System
+    from hbbogie.results import Orbit
 
 Array = NDArray[np.float64]
 REGULAR = 1e-9  # smallest singular value, relative to the largest, of a matrix without a null vector
@@ -51,6 +52,12 @@ def conserved_quantities(system: System, p: Array, size: Array) -> Array:
     U, s, _ = np.linalg.svd(f / np.where(columns > 0, columns, 1.0))
     count = n - int((s > ZERO * max(float(s[0]), 1e-300)).sum())
     return echelon((U[:, n - count :] / rows[:, None]).T) if count else np.zeros((0, n))
+
+
+def conserved_along(system: System, orbit: Orbit, p: Array) -> Array:
+    """Return `conserved_quantities` with the states in the sizes that they have along an orbit."""
+    size = np.abs(orbit.coefficients).sum(axis=0)
+    return conserved_quantities(system, p, np.append(size, orbit.omega * size[list(system.second_order)]))
 
 
 def _regular(system: System, p: Array, size: Array) -> bool:

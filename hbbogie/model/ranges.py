@@ -6,6 +6,8 @@ from hbbogie.errors import ModelError, pair
 from hbbogie.model.singular import ROOM, poles, without_poles
 from hbbogie.model.system import System
 
+BEYOND = 0.5  # share of the interval by which Hopf points are looked for beyond its ends
+
 
 def default_reach(system: System, parameter: str) -> tuple[float, float]:
     """Return twice the value of a parameter (at least 1) to either side, within its bounds and up to the next pole.
@@ -41,10 +43,11 @@ def check_interval(system: System, parameter: str, interval: tuple[float, float]
     return lo, hi
 
 
-def widened(system: System, parameter: str, interval: tuple[float, float], share: float) -> tuple[float, float]:
-    """Return an interval with a share of its width added at either end, within bounds and not over a pole outside."""
+def widened(system: System, parameter: str, interval: tuple[float, float]) -> tuple[float, float]:
+    """Return an interval with half its width added at either end, within bounds and not over a pole outside."""
     low, high = interval
-    reach = check_interval(system, parameter, (low - share * (high - low), high + share * (high - low)))
+    more = BEYOND * (high - low)
+    reach = check_interval(system, parameter, (low - more, high + more))
     room = ROOM * (high - low)
     found = poles(system, parameter, reach)
     below, above = ([pole for pole in found if beyond(pole)] for beyond in (lambda v: v <= low, lambda v: v >= high))

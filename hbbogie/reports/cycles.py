@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -25,13 +26,7 @@ from hbbogie.reports.cycle_tables import (
 )
 from hbbogie.reports.figures import cycle_figures, diagram_figures, linear, moves_along
 from hbbogie.reports.report import Report
-from hbbogie.reports.summary import (
-    branches_sentences,
-    cycles_sentences,
-    diagram_sentences,
-    fold_of_diagram,
-    influence_sentences,
-)
+from hbbogie.reports.summary import branches_sentences, cycles_sentences, whole_summary
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch, Cycles, Equilibria, Orbit
 from hbbogie.stability.hill_method import hill as hill_of
@@ -71,7 +66,7 @@ def run_of(module: ModuleType, system: System, progress: Progress = silent, meth
     if not isinstance(report, Report):
         kind = type(report).__name__
         raise ModelError(f"{where}: study() returned an object of type {kind}; it must return a Report.")
-    return report if report.summary else replace(report, summary=branches_sentences(system, report.branches))
+    return report if report.summary else replace(report, later=partial(branches_sentences, system, report.branches))
 
 
 def figures_of_paper(module: ModuleType, system: System, progress: Progress = silent) -> Report:
@@ -236,7 +231,7 @@ def report_of_diagram(system: System, found: Diagram, rest: Equilibria | None = 
         diagram_figures(system, found),
         tuple(notes),
         data,
-        summary=(*diagram_sentences(system, found, rest), *influence_sentences(system, fold_of_diagram(system, found))),
+        later=partial(whole_summary, system, found, rest),
         about=(f"Branches of cycles {where}.",),
     )
 

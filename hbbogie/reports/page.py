@@ -97,17 +97,18 @@ def html_of(report: Report, origin: Origin | None = None) -> str:
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     origin = origin or Origin()
     about, inputs = _inputs(report, origin)
+    summary = (*report.summary, *report.later())
     return environment.get_template("report.html").render(
         title=report.title,
         date=f"{date.today().day} {date.today():%B %Y}",
         version=__version__,
-        summary=_incomplete(report) + (report.summary or report.notes),
+        summary=_incomplete(report) + (summary or report.notes),
         about=about,
         inputs=inputs,
         tables=[_plain(t) for t in report.tables],
         figures=[_figure(report, name) for name in report.figures],
         details=[_plain(t) for t in _parameters(origin)],
-        remarks=[n for n in report.notes if n not in report.summary] if report.summary else (),
+        remarks=[n for n in report.notes if n not in summary] if summary else (),
         again=origin.again,
     )
 

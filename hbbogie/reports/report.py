@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,8 @@ class Report:
     summary : tuple of str
         What was found, in sentences made from the numbers; a page begins with them, or with the notes where there are
         none.
+    later : callable
+        () -> more sentences of the summary, which take computations of their own: called for a page only.
     about : tuple of str
         What was computed, sentences of a page.
     inputs : tuple of Table
@@ -58,6 +61,7 @@ class Report:
     long_tables: tuple[Table, ...] = ()
     texts: dict[str, str] = field(default_factory=dict)
     summary: tuple[str, ...] = ()
+    later: Callable[[], tuple[str, ...]] = tuple
     about: tuple[str, ...] = ()
     inputs: tuple[Table, ...] = ()
     captions: dict[str, str] = field(default_factory=dict)

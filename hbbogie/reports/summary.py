@@ -65,6 +65,11 @@ def diagram_sentences(system: System, found: Diagram, rest: Equilibria | None = 
     return tuple(said)
 
 
+def whole_summary(system: System, found: Diagram, rest: Equilibria | None = None) -> tuple[str, ...]:
+    """Return what a diagram says, with what moves its lowest fold; parameters as of `diagram_sentences`."""
+    return (*diagram_sentences(system, found, rest), *influence_sentences(system, fold_of_diagram(system, found)))
+
+
 def branches_sentences(system: System, branches: Mapping[str, Branch]) -> tuple[str, ...]:
     """Return what some branches over one parameter say, with what moves their lowest fold."""
     many = {name: b for name, b in branches.items() if len(b) > 1}
@@ -75,7 +80,7 @@ def branches_sentences(system: System, branches: Mapping[str, Branch]) -> tuple[
     ends = float(values.min()), float(max(values.max(), max(hopf, default=-np.inf)))
     parameter = next(iter(many.values())).parameter
     found = Diagram(parameter, ends, list(hopf.values()), many, {}, [], ())
-    return (*diagram_sentences(system, found), *influence_sentences(system, fold_of_diagram(system, found)))
+    return whole_summary(system, found)
 
 
 def cycles_sentences(system: System, parameter: str, cycles: Sequence[Orbit]) -> tuple[str, ...]:

@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches import choice
 from hbbogie.critical.speeds import critical_speeds
 from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.errors import ModelError, pair, unknown_name, whole
+from hbbogie.errors import named, pair, whole
 from hbbogie.exact.critical import CriticalValues, NominalDesign, nominal_design
 from hbbogie.exact.peaks import peaks
 from hbbogie.model.ranges import default_reach
@@ -19,7 +20,7 @@ from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 Outputs = dict[str, Any]
-METHODS = ("auto", "exact", "mhb", "collocation", "batch")
+METHODS = (*choice.METHODS, "batch")
 Interval = Annotated[tuple[float, float], pair]
 Harmonics = Annotated[int, whole]
 
@@ -61,8 +62,7 @@ def smallest_critical(
         ``complete``, 1 where every branch was followed to its end and 0 elsewhere; and the gradients. "No fold" with
         the evidence is an answer; a branch that cannot be followed is not.
     """
-    if method not in METHODS:
-        raise ModelError(f"job critical: {unknown_name('method', method, METHODS)}")
+    named("job critical", "method", method, METHODS)
     span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
     if method == "batch":
         return _alone(system, parameter, span, gradients)
