@@ -149,7 +149,7 @@ def bogies() -> Figure:
             system = problem.SYSTEM(flange=flange)
             (hopf,) = hb.hopf_points(system, "V", problem.RANGE)
             balance = hb.HarmonicBalance(21).equations(system)
-            curves.append(hb.trace(balance, hopf, "V", (50.0, 140.0), stability=False))
+            curves.append(hb.trace(balance, hopf, "V", (50.0, 140.0)))
         points = ("computed independently", [c.V for c in problem.CYCLES], [c.q1 for c in problem.CYCLES], "o")
         plot.branch(curves, y="q1", ax=ax, labels=["with flange", "without"], published=[points]).set_title(name)
     return plot.one_legend(figure)
@@ -243,7 +243,9 @@ def oregonator() -> Figure:
 def first_picture(name: str) -> Figure:
     """Return the first picture that `hbbogie run` draws of a problem: for the gallery."""
     module = hb.load_problem(name)
-    if name in ("vehicle", "train"):  # whose whole job takes minutes: a motion that settles on hunting
+    if name == "vehicle":
+        return vehicle_attractors()
+    if name == "train":  # whose whole job takes minutes: a motion that settles on hunting
         system = module.SYSTEM(V=110.0)
         first = next(c for c in system.coordinate_names if c.startswith("y1"))
         return plot.figure_of(plot.time_history(hb.simulate(system, {first: 0.006}, 6.0), first))

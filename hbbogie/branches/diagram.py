@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -30,6 +31,7 @@ from hbbogie.progress import Progress, silent
 from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES
+from hbbogie.solving.solvers import solve
 
 MAX_POINTS = 600  # of a branch; the family of a conservative system has no end
 RESOLVED = 1e-3  # tail of the spectrum up to which a cycle of a family is shown
@@ -253,11 +255,13 @@ def _cycles(system: System, parameter: str, harmonics: int | str, stability: boo
 
 
 def _passes(equations: Equations, branch: Branch, cycle: Orbit) -> bool:
-    """Tell whether a branch passes through a cycle."""
+    """Tell whether a branch passes through a cycle, which another method or other harmonics may have found."""
     try:
         on_branch = crossings(equations, branch, cycle.parameters[branch.parameter])
     except ModelError:
         return True  # a family: it holds cycles of every amplitude
+    with suppress(*FAILURES):
+        cycle = solve(equations, cycle)
     return len(once_each([*on_branch, cycle])) == len(on_branch)
 
 

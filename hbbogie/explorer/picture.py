@@ -13,7 +13,7 @@ from hbbogie.branches.judging import stability_of
 from hbbogie.errors import ModelError
 from hbbogie.exact.method import ExactEquations
 from hbbogie.explorer.following import Explored
-from hbbogie.plot.curves import DRESS, pieces
+from hbbogie.plot.curves import DRESS, level_of, pieces
 from hbbogie.reports.summary import diagram_sentences, rest_pieces
 from hbbogie.reports.table import plain
 from hbbogie.results import Orbit
@@ -23,6 +23,7 @@ from hbbogie.units import label, per_second, readable
 
 Array = NDArray[np.float64]
 SAMPLES = 240  # of a cycle that is drawn
+PEAK = 512  # of an output whose peak is drawn over the parameter
 FRAMES = 60  # of the moving system
 DIGITS = 6  # of the numbers sent for drawing
 SKIP = 3  # of the points of a curve of equilibria, one is drawn
@@ -42,7 +43,7 @@ def diagram_data(found: Explored) -> dict[str, Any]:
     x, y = _axis(found), _height(found)
 
     def height(o: Orbit) -> float:
-        return float(o.amplitude(view.coordinate) * y["factor"])
+        return _peak(o, view.coordinate) * y["factor"]
 
     def shown(curves: Sequence[tuple[str, Array]]) -> list[dict[str, Any]]:
         return [{"verdict": v, "points": _short(np.asarray(c) * [x["factor"], 1.0])} for v, c in curves]
@@ -54,8 +55,7 @@ def diagram_data(found: Explored) -> dict[str, Any]:
         branches.append({**own, "curves": shown(pieces(b, height)), "points": points})
         marks += [_mark(s.kind, x, s.value, height(s.orbit), s.headline) for s in b.special if s.kind != "hopf"]
     for s in found.diagram.hopf:
-        level = height(s.orbit.replace(coefficients=s.orbit.coefficients[:1]))
-        marks.append(_mark("hopf", x, s.value, level, s.headline))
+        marks.append(_mark("hopf", x, s.value, level_of(s, height, height), s.headline))
     rest = [piece for b in found.equilibria for piece in shown([_thin(p) for p in rest_pieces(b, height)])]
     content: dict[str, Any] = {"axis": x, "height": y, "branches": branches, "marks": marks, "rest": rest}
     content["said"] = diagram_sentences(system, found.diagram, found.equilibria)
@@ -89,13 +89,22 @@ def _axis(found: Explored) -> dict[str, Any]:
 
 def _height(found: Explored) -> dict[str, Any]:
     name = found.view.coordinate
-    coordinate = found.system.coordinates[found.system.index(name)]
     curves = found.diagram.branches or found.diagram.families
-    top = max((float(b.amplitude(name).max()) for b in curves.values()), default=0.0)
-    rest = max((float(b.amplitude(name).max()) for b in found.equilibria), default=0.0)
-    factor, unit = readable(coordinate.unit, top or rest)
+    top, rest = (
+        max((_peak(o, name) for b in some for o in b), default=0.0) for some in (curves.values(), found.equilibria)
+    )
+    factor, unit = readable(found.system.naming.units[name], top or rest)
     text = label(f"peak of {found.system.naming.plain(name)}", unit)
     return {"label": text, "factor": factor, "unit": unit, "high": (top or rest) * factor}
+
+
+def _peak(o: Orbit, name: str) -> float:
+    """Return the peak of a coordinate, or that of an output as a drawing shows it: the largest of many samples."""
+    if not o.naming.is_output(name) or o.naming.measure is None:
+        return o.amplitude(name)
+    t = np.linspace(0.0, o.period, PEAK, endpoint=False) if o.H else np.zeros(1)
+    y = o.naming.measure(o.q(t), o.v(t), np.array(list(o.parameters.values())))
+    return float(np.abs(y[:, o.naming.outputs.index(name)]).max())
 
 
 def _mark(kind: str, x: dict[str, Any], value: float, level: float, text: str) -> dict[str, Any]:
@@ -138,8 +147,9 @@ def cycle_at(found: Explored, name: str, value: float, height: float) -> Orbit:
         raise ModelError(f"There is no branch {name!r}; click on a curve of cycles.")
     branch, q, p = found.curves[name], found.view.coordinate, found.view.parameter
     value, height = value / _axis(found)["factor"], height / _height(found)["factor"]
-    size = np.ptp(branch.values) or 1.0, np.ptp(branch.amplitude(q)) or 1.0
-    away = np.hypot((branch.values - value) / size[0], (branch.amplitude(q) - height) / size[1])
+    peaks = np.array([_peak(o, q) for o in branch])
+    size = np.ptp(branch.values) or 1.0, np.ptp(peaks) or 1.0
+    away = np.hypot((branch.values - value) / size[0], (peaks - height) / size[1])
     i = int(np.argmin(away))
     nearest = branch.orbits[i]
     if name in found.diagram.families or away[i] < 1e-9:
@@ -149,7 +159,7 @@ def cycle_at(found: Explored, name: str, value: float, height: float) -> Orbit:
         orbit = solve(found.equations, nearest, **at)
     except FAILURES:
         return nearest
-    off = abs(orbit.amplitude(q) - height) / size[1]
+    off = abs(_peak(orbit, q) - height) / size[1]
     return orbit if orbit.H and off < min(NEAR, float(away[i])) else nearest
 
 
@@ -173,6 +183,11 @@ def cycle_data(found: Explored, orbit: Orbit, module: ModuleType | None = None) 
         rate, fast = readable(per_second(unit), float(np.abs(v[:, i]).max()))
         own = {"name": name, "text": naming.plain(name), "unit": shown, "rate_unit": fast}
         waves.append({**own, "q": _few(factor * q[:, i]), "v": _few(rate * v[:, i]), "peak": orbit.peaks()[name]})
+    for name, signal in orbit.outputs.items():
+        factor, shown = readable(signal.unit, signal.peak)
+        peak = f"{factor * signal.peak:.4g}{'' if shown in ('', '1') else ' ' + shown}"
+        own = {"name": name, "text": naming.plain(name), "unit": shown}
+        waves.append({**own, "q": _few(factor * signal.at(t)), "peak": peak})
     value = orbit.parameters[found.view.parameter]
     about = [
         ("at", naming.value(found.view.parameter, value, 7)),
@@ -186,7 +201,7 @@ def cycle_data(found: Explored, orbit: Orbit, module: ModuleType | None = None) 
     content = {"t": _few(t), "waves": waves, "verdict": orbit.verdict, "reason": reason, "about": about}
     place = {
         "x": value * _axis(found)["factor"],
-        "y": orbit.amplitude(found.view.coordinate) * _height(found)["factor"],
+        "y": _peak(orbit, found.view.coordinate) * _height(found)["factor"],
     }
     return plain({**content, "multipliers": multipliers, "frames": _frames(orbit, module), **place})  # type: ignore[no-any-return]
 

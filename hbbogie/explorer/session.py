@@ -60,7 +60,9 @@ class Session:
             own = {"name": p.name, "text": p.description, "unit": p.unit, "value": value, "low": low, "high": high}
             parameters.append({**own, "least": p.bounds[0], "most": p.bounds[1]})
         idle = set(self.system.inactive_parameters)
-        coordinates = [{"name": c.name, "text": c.description, "unit": c.unit} for c in self.system.coordinates]
+        naming = self.system.naming
+        drawn = (*self.system.coordinate_names, *self.system.output_names)
+        coordinates = [{"name": n, "text": naming.descriptions.get(n, ""), "unit": naming.units[n]} for n in drawn]
         exact = isinstance(equations_of(self.system), ExactEquations)
         said = (
             "Cycles in closed form: every move of a slider is answered at once."

@@ -27,7 +27,7 @@ class View:
         On the axis.
     interval : (float, float), unit of that parameter
     coordinate : str
-        Whose peak is drawn.
+        Coordinate or output whose peak is drawn.
     values : dict of float
         Value of every parameter, in its own unit; that on the axis is where cycles are looked for at first.
     """
@@ -107,7 +107,8 @@ def view_of(system: System, given: Any) -> View:
 
     where = f"system {system.name!r}"
     name = read("parameter", named, where, "parameter", given.get("parameter"), system.parameter_names)
-    coordinate = read("coordinate", named, where, "coordinate", given.get("coordinate"), system.coordinate_names)
+    drawn = (*system.coordinate_names, *system.output_names)
+    coordinate = read("coordinate", named, where, "coordinate or output", given.get("coordinate"), drawn)
     values, numbers = given.get("values"), dict(system.values)
     for key, text in (values if isinstance(values, Mapping) else {}).items():
         numbers[key] = read(key, _value, system, key, text)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from functools import wraps
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, ParamSpec
 
 import matplotlib.pyplot as plt
@@ -23,7 +24,8 @@ from hbbogie.units import PREFIXES, readable
 Array = NDArray[np.float64]
 P = ParamSpec("P")
 FEW = 4  # values that a title takes in
-ZERO = 1e-18  # what a title takes for zero
+LETTER = 0.08  # width of a letter of a label [inch]
+ZERO = 1e-15  # what a title takes for zero
 
 # Okabe and Ito: told apart by the colour-blind, and in this order also when printed in grey
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#444444")
@@ -173,7 +175,7 @@ def scale(unit: str, data: Iterable[ArrayLike], label: str = "") -> tuple[float,
     A unit that stands already on the axis is kept, so that curves drawn later fit those drawn before.
     """
     for prefix, size in PREFIXES.items():
-        if f"[{prefix}{unit}]" in label:
+        if f"[{prefix}{unit}]" in " ".join(label.split()):
             return 1 / size, prefix + unit
     return readable(unit, max((float(np.abs(d).max(initial=0.0)) for d in map(np.asarray, data)), default=0.0))
 
@@ -197,6 +199,8 @@ def finish(ax: Axes, given: Axes | None, title: str = "") -> Axes:
     """Give axes their legend, and a figure of their own its title."""
     if given is None and title:
         figure_of(ax).suptitle(title, x=0.02, ha="left", fontsize=10.5)
+    letters = int(figure_of(ax).get_size_inches()[1] * ax.get_position().height / LETTER)
+    ax.set_ylabel("\n".join(wrap(" ".join(ax.get_ylabel().split()), letters)))
     return legend(ax, inside=given is not None)
 
 

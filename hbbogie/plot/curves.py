@@ -18,6 +18,8 @@ from hbbogie.results import Branch, LimitLine, Orbit, SpecialPoint
 Height = Callable[[Orbit], float]
 LIMIT = "#a02c2c"  # colour of limits
 BESIDE = 0.01  # distance, in units of the curve's extent, up to which a point counts as the special point
+SEEN = 0.02  # share of the axis from which a line between a Hopf point and its branch is drawn
+ONSET = "linear cycles"
 BETWEEN = 12  # points drawn for each interval of a curve
 DRESS = {
     "fold": ("D", "fold"),
@@ -201,9 +203,10 @@ def onset(ax: Axes, branch: Branch, s: SpecialPoint, level: float, height: Heigh
     near = 1e-6 * max(float(np.ptp(branch.values)), abs(s.value))
     met = [branch[0], branch[-1], *(other.orbit for other in branch.special if other.kind == "branch point")]
     above = [height(o) for o in met if abs(o.parameters[branch.parameter] - s.value) <= near]
-    if above and min(above) > level:
+    if above and min(above) - level > SEEN * ax.dataLim.height:
         at, to = [s.value] * 2, [level, min(above)]
-        ax.plot(at, to, ls=LINES["unknown"], color="#777777", lw=1.2, zorder=2, label="linear cycles")
+        label = "_" if ONSET in ax.get_legend_handles_labels()[1] else ONSET
+        ax.plot(at, to, ls=LINES["unknown"], color="#777777", lw=1.2, zorder=2, label=label)
 
 
 def gaps(branches: Sequence[Branch], coordinate: str) -> dict[str, float]:

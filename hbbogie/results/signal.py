@@ -76,7 +76,7 @@ class Signal:
     @property
     def peak(self) -> float:
         """Largest absolute value over the period [its unit]."""
-        return max(-self.smallest, self.largest)
+        return max(abs(self.smallest), abs(self.largest))
 
     @property
     def mean(self) -> float:

@@ -178,6 +178,22 @@ def test_a_click_gives_the_cycle_at_that_place(bogie, found):
     assert cycle["frames"]["shapes"][0][0]["kind"] == "ground"
 
 
+def test_an_output_is_drawn_over_the_parameter(bogie):
+    """The flange force is the stiffness times what the wheelset goes beyond the clearance; none at the grazing."""
+    view = bogie.first.as_dict() | {"coordinate": "front flange force"}
+    assert "front flange force" in [c["name"] for c in bogie.opening()["coordinates"]]
+    drawn = bogie.diagram({"view": view})
+    assert drawn["height"]["unit"] == "kN"
+    (hopf,) = (m for m in drawn["marks"] if m["kind"] == "hopf")
+    assert hopf["y"] == 0.0
+    x, y, _ = drawn["branches"][0]["points"][-1]
+    cycle = bogie.cycle({"view": view, "branch": drawn["branches"][0]["name"], "x": x, "y": y})
+    peaks = {w["name"]: max(np.abs(w["q"])) for w in cycle["waves"]}
+    stiffness, gap = (bogie.system.values[n] for n in ("K0", "y0"))
+    assert y == pytest.approx(stiffness * (peaks["q1"] - 1e3 * gap) * 1e-6, rel=1e-3)
+    assert peaks["front flange force"] == pytest.approx(y, rel=1e-3)
+
+
 def test_wrong_questions_are_answered_by_sentences(bogie):
     view = bogie.first.as_dict()
     with pytest.raises(ModelError, match="click on a curve"):

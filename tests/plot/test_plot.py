@@ -197,6 +197,26 @@ def test_the_gap_of_a_contact_and_the_linear_cycles_below_it_are_drawn():
     assert "Hopf point (V = 91 m/s)" in lines
 
 
+def test_linear_cycles_stand_once_in_the_legend_and_only_where_there_is_a_line():
+    orbits = [make_orbit(91.0 - 0.1 * k, 0.0091 + 1e-4 * k, "unstable", H=1) for k in range(8)]
+    hopf = SpecialPoint("hopf", "V", 91.0, (91.0, 91.0), make_orbit(91.0, 1.0, H=1), "located")
+    ax = plot.branch([Branch(tuple(orbits), "V"), Branch(tuple(orbits[::-1]), "V")], special=[hopf])
+    assert [line.get_label() for line in ax.lines].count("linear cycles") == 1
+    grown = [make_orbit(91.0 + 0.1 * k, 1e-5 + 1e-3 * k, "stable", H=1) for k in range(8)]
+    ax = plot.branch(Branch(tuple(grown), "V"), special=[hopf])
+    assert "linear cycles" not in [line.get_label() for line in ax.lines]
+
+
+def test_a_long_label_is_wrapped_and_keeps_its_unit():
+    words = "displacement of the middle of the front wheelset from the middle of the track, to the left"
+    orbit = make_orbit().replace(naming=Naming({"q1": "m"}, {"q1": words}))
+    ax = plot.branch(Branch((orbit,), "V"))
+    ax.figure.canvas.draw()
+    assert ax.yaxis.label.get_window_extent().height <= 1.05 * ax.get_window_extent().height
+    plot.branch(Branch((orbit,), "V"), ax=ax)
+    assert " ".join(ax.get_ylabel().split()) == f"peak of {words} q1 [mm]"
+
+
 def test_no_entry_of_a_legend_is_without_a_line():
     for ax in (plot.branch(fold_branch()), plot.frequency(fold_branch()), plot.branch(circle_branch(20))):
         drawn = {line.get_linestyle() for line in curves(ax)}

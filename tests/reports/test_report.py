@@ -211,6 +211,13 @@ def test_only_one_of_two_mirror_images_is_shown():
     assert any("mirror image" in note for note in found.notes)
 
 
+def test_a_branch_through_a_known_cycle_is_listed_once():
+    """Fifteen harmonics lead from the Hopf point around the fold to the cycle that its own method finds exactly."""
+    module = load_problem("yang1995")
+    found = bifurcation_diagram(module.bogie(V=100.0), "V", (85.0, 105.0), harmonics=15)
+    assert len(found.cycles) == 1 and [*found.branches] == ["branch"]
+
+
 @pytest.mark.parametrize(("form", "begins"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_figures_have_the_form_asked_for(tmp_path, form, begins):
     from hbbogie.reports import draw

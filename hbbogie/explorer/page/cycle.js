@@ -25,6 +25,7 @@ export class Cycle {
     by("cycle").hidden = false;
     by("hint").hidden = true;
     this.wave = data.waves.find((w) => w.name === coordinate) || data.waves[0];
+    this.moved = this.wave.v ? this.wave : data.waves[0]; // an output has no velocity: the portrait is that of a coordinate
     this.facts();
     this.peaks();
     this.phase();
@@ -49,7 +50,7 @@ export class Cycle {
 
   peaks() {
     const head = document.createElement("tr");
-    head.innerHTML = "<th>coordinate</th><th>peak</th>";
+    head.innerHTML = "<th>coordinate or output</th><th>peak</th>";
     by("peaks").replaceChildren(head, ...this.data.waves.map((w) => {
       const row = document.createElement("tr");
       for (const text of [w.text, w.peak]) row.insertCell().textContent = text;
@@ -60,7 +61,7 @@ export class Cycle {
   }
 
   phase() {
-    const w = this.wave;
+    const w = this.moved;
     const chart = new Chart(by("phase"), { height: 270, x: labelled(w.text, w.unit), y: labelled("velocity", w.rate_unit) });
     chart.begin(range(w.q), range(w.v));
     chart.curve(w.q.map((q, i) => [q, w.v[i]]), `thin ${this.data.verdict}`);
@@ -116,7 +117,7 @@ export class Cycle {
   }
 
   beads(svg) {
-    const shown = this.data.waves.slice(0, 8);
+    const shown = this.data.waves.filter((w) => w.v).slice(0, 8);
     svg.setAttribute("viewBox", `0 0 860 ${34 * shown.length + 8}`);
     this.bead = shown.map((w, i) => {
       const y = 24 + 34 * i;
@@ -140,8 +141,8 @@ export class Cycle {
     const i = Math.floor(share * (this.data.t.length - 1));
     if (i === this.last) return;
     this.last = i;
-    const w = this.wave;
-    move(this.phaseDot, this.phaseChart.x(w.q[i]), this.phaseChart.y(w.v[i]));
+    const w = this.wave, m = this.moved;
+    move(this.phaseDot, this.phaseChart.x(m.q[i]), this.phaseChart.y(m.v[i]));
     move(this.waveDot, this.waveChart.x(this.data.t[i]), this.waveChart.y(w.q[i]));
     if (this.data.frames) {
       const frames = this.data.frames.shapes;
