@@ -17,7 +17,7 @@ from hbbogie.branches.collocated import branch_of, followed_from
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings
 from hbbogie.branches.cycles import find_cycles
-from hbbogie.brief import brief
+from hbbogie.brief import brief, lines
 from hbbogie.collocation.method import Collocation
 from hbbogie.collocation.walk import Followed
 from hbbogie.equilibria.hopf import hopf_points
@@ -151,7 +151,19 @@ class Comparison:
     truth: str
     rows: tuple[Compared, ...]
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        values = [row.value for row in self.rows]
+        at = f" at {self.parameter} = {min(values):g} to {max(values):g} {self.unit}" if values else ""
+        return lines(f"{len(self.rows)} cycles{at} beside {self.truth}", *map(self._said, self.approximations))
+
+    def _said(self, method: str) -> str:
+        """Return the largest errors of a method in words."""
+        said = []
+        for what, quantity in self.quantities().items():
+            errors = [abs(e) for row in self.rows if (e := row.error(method, quantity)) is not None]
+            said += [f"{what} {max(errors):.2g} %"] if errors and not what.startswith("first") else []
+        lost = sum(row.orbits[method] is None for row in self.rows)
+        return f"{method}: largest errors {', '.join(said) or 'unknown'}" + f"; {lost} cycles not found" * bool(lost)
 
     @property
     def approximations(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from hbbogie.branches.cycles import ORDERS, find_cycles
 from hbbogie.branches.judging import estimate, stability_of
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import settled_cycles
-from hbbogie.brief import brief
+from hbbogie.brief import lines
 from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.hopf import hopf_points
@@ -66,7 +66,16 @@ class Diagram:
     cycles: list[Orbit]
     notes: tuple[str, ...]
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        low, high = self.interval
+        curves = [f"{n}: {repr(b).partition(chr(10))[0]}" for n, b in {**self.branches, **self.families}.items()]
+        hopf = ", ".join(f"{s.value:.9g}" for s in self.hopf) or "none"
+        return lines(
+            f"Bifurcation diagram over {self.parameter} = {low:g} to {high:g}",
+            f"Hopf points: {hopf}; cycles at the values of the system: {len(self.cycles)}",
+            *(curves or ["no branch"]),
+            *self.notes,
+        )
 
 
 @door(system=System, parameter=str)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbbogie.brief import lines
+from hbbogie.brief import LINES, lines
+from hbbogie.results.cycles import searched
 from hbbogie.results.orbit import NOT_RESOLVED, Orbit
 from hbbogie.results.pictures import page
 
@@ -109,4 +110,7 @@ class Criticals(list[Critical]):
 
     def __repr__(self) -> str:
         found = [f"{c.kind} at {c.parameter} = {c.value:.9g}, omega = {c.omega:.6g}: {c.status}" for c in self]
-        return "\n  ".join([f"{len(self)} critical value(s)", *found, *self.evidence])
+        counted = f"{len(self) or 'no'} critical value{'s' * (len(self) != 1)}"
+        of = f" of {self[0].orbit.system}" if self else ""
+        told = searched(self.evidence, self.undecided)
+        return lines(counted + of, *(found or self.evidence)[: LINES - 1 - len(told)], *told)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from textwrap import shorten
 
-from hbbogie.brief import LINES, columns
+from hbbogie.brief import LINES, WIDTH, columns
 from hbbogie.results.orbit import Orbit
 from hbbogie.results.pictures import page
 
@@ -49,11 +50,17 @@ class Cycles(list[Orbit]):
         of = f" of {self[0].system} at {self[0].naming.values(self[0].parameters)}" if self else ""
         shown = columns(self.rows()[: LINES - 1]) if self else list(self.evidence[:SHOWN])
         more = [f"... {len(self) - LINES + 2} more"] if len(self) > LINES - 2 else []
-        said = [f"searched: {len(self.evidence)} sentences in .evidence"] if self.evidence else []
+        said = searched(self.evidence, self.undecided)
         return "\n  ".join([(counted + of).removesuffix(" at "), *shown, *more, *said])
 
     def _repr_html_(self) -> str:
         return page(repr(self).partition("\n")[0], self.rows()[: 1 + DRAWN], "orbit" if self else "", self[:DRAWN])
+
+
+def searched(evidence: Sequence[str], undecided: Sequence[str]) -> list[str]:
+    """Return in two lines at most where a search is told, and what cut it short."""
+    said = [f"searched: {len(evidence)} sentences in .evidence"] if evidence else []
+    return said + [shorten(f"not complete: {undecided[0]}", 2 * WIDTH, placeholder=" ...") for _ in undecided[:1]]
 
 
 SHOWN = 3  # sentences where there is no cycle

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.brief import brief
 from hbbogie.units import label
 
 Array = NDArray[np.float64]
@@ -34,6 +35,8 @@ class Naming:
     descriptions: Mapping[str, str] = field(default_factory=dict)
     outputs: tuple[str, ...] = ()
     measure: Callable[[Array, Array, Array], Array] | None = field(default=None, repr=False, compare=False)
+
+    __repr__ = brief
 
     def is_output(self, name: Any) -> bool:
         """Tell whether a name is that of an output."""

@@ -10,8 +10,20 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
+from hbbogie.branches import Diagram
 from hbbogie.brief import brief, columns, lines
-from hbbogie.results import Basin, Branch, Chart, ChartPoint, CriticalCurve, Cycles, Ending, Hysteresis, Passage
+from hbbogie.results import (
+    Basin,
+    Branch,
+    Chart,
+    ChartPoint,
+    CriticalCurve,
+    Criticals,
+    Cycles,
+    Ending,
+    Hysteresis,
+    Passage,
+)
 
 LONGEST = 1200
 
@@ -117,7 +129,10 @@ def made_up_results(bogie, branch, cycle):
         "equations": hb.HarmonicBalance(15).equations(bogie),
         "cycles": Cycles([cycle] * 300, [text] * 300),
         "no cycles": Cycles([], [text] * 300),
-        "critical value": hb.fold(hb.HarmonicBalance(15).equations(bogie), branch.folds()[0], "V"),
+        "critical value": (critical := hb.fold(hb.HarmonicBalance(15).equations(bogie), branch.folds()[0], "V")),
+        "critical values": Criticals([critical] * 300, [text] * 300, [text] * 20),
+        "naming": bogie.naming,
+        "diagram": Diagram("V", (60.0, 190.0), [], {f"branch_{i}": long for i in range(9)}, {}, [], (text,) * 90),
     }
 
 
@@ -145,6 +160,11 @@ def test_results_say_what_where_and_how_sure(shown, branch, cycle):
     assert "bogie(...)" in said["problem"] and "V from 60 to 190" in said["problem"]
     assert "300 cycles" in said["cycles"] and "294 more" in said["cycles"]
     assert "phase set by q1" in said["equations"]
+
+
+def test_a_search_that_was_cut_short_says_so():
+    for found in (Cycles([], ["seen"], ["the time was over"]), Criticals([], ["seen"], ["the time was over"])):
+        assert not found.complete and "not complete: the time was over" in repr(found)
 
 
 def test_notebooks_get_a_table_and_a_thumbnail(shown):
