@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
@@ -213,9 +214,11 @@ def title_of(o: Orbit | Trajectory, without: str = "") -> str:
 
 def legend(ax: Axes, inside: bool = False) -> Axes:
     """Put the legend above the axes in as many columns as fit, or inside where there is room; none without entries."""
-    labels = ax.get_legend_handles_labels()[1]
+    entries = [(h, text) for h, text in zip(*ax.get_legend_handles_labels(), strict=True) if _in_view(ax, h)]
+    labels = [text for _, text in entries]
+    shown: dict[str, Any] = {"handles": [handle for handle, _ in entries], "labels": labels}
     if inside and labels:
-        ax.legend(loc="best")
+        ax.legend(loc="best", **shown)
         return ax
     # widths in inches: a letter at 8 points, a line sample with its gaps; new axes grow a little
     widths = np.array([0.45 + 0.06 * len(label.replace("$", "")) for label in labels])
@@ -223,6 +226,20 @@ def legend(ax: Axes, inside: bool = False) -> Axes:
     for columns in range(len(labels), 0, -1):
         if columns == 1 or sum(part.max() for part in np.array_split(widths, columns)) <= room:
             place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
-            ax.legend(ncols=columns, columnspacing=1.2, **place)
+            ax.legend(ncols=columns, columnspacing=1.2, **place, **shown)
             break
     return ax
+
+
+def _in_view(ax: Axes, handle: Any) -> bool:
+    """Tell whether what an entry of the legend stands for is within the axes; a line without data for all its like."""
+    if not isinstance(handle, Line2D) or handle.get_transform() != ax.transData:
+        return True
+    look = handle.get_color(), handle.get_linestyle()
+    like = (
+        [handle]
+        if np.size(handle.get_xydata())
+        else [s for s in ax.lines if (s.get_color(), s.get_linestyle()) == look]
+    )
+    drawn = [s.get_path().get_extents() for s in like if np.size(s.get_xydata())]
+    return not drawn or any(box.overlaps(ax.viewLim) for box in drawn)

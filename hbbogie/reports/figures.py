@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST = 9  # outputs that a page has room for
-PANELS = 3  # cycles that a page has room for
+PANELS = 4  # cycles that a page has room for
 Figures = dict[str, "Callable[[], Figure]"]
 
 

@@ -207,6 +207,13 @@ def test_linear_cycles_stand_once_in_the_legend_and_only_where_there_is_a_line()
     assert "linear cycles" not in [line.get_label() for line in ax.lines]
 
 
+def test_a_legend_names_what_is_within_the_axes_only():
+    ax = plot.branch(fold_branch())
+    ax.set_ylim(9.9, 11.0)  # above the fold
+    appearance.legend(ax)
+    assert [t.get_text() for t in ax.get_legend().get_texts()] == ["stable"]
+
+
 def test_a_long_label_is_wrapped_and_keeps_its_unit():
     words = "displacement of the middle of the front wheelset from the middle of the track, to the left"
     orbit = make_orbit().replace(naming=Naming({"q1": "m"}, {"q1": words}))
