@@ -14,7 +14,7 @@ from hbbogie.motion.integration import simulate
 from hbbogie.results import Orbit
 from hbbogie.stability.jumps import passages_along
 from hbbogie.stability.transitions import product, transitions_along
-from hbbogie.stability.variation import Waveform, check_orbit
+from hbbogie.stability.variation import Waveforms, check_orbit
 from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
@@ -152,9 +152,9 @@ def _shown(mu: complex) -> str:
 
 def _critical(system: System, cycle: Orbit) -> tuple[complex, Complex, Complex, Array]:
     """Return the critical multiplier, its mode and adjoint mode at t = 0, and the ranges of the states."""
-    waveform = Waveform(system, cycle, system.vector(**cycle.parameters))
-    along = transitions_along(waveform)
-    M = product(passages_along(waveform, along.mesh).inserted(along.matrices))
+    waveforms = Waveforms(system, [cycle], system.vector(**cycle.parameters)[None])
+    (along,) = transitions_along(waveforms)
+    M = product(passages_along(waveforms, along.mesh).inserted(along.matrices))
     values, right = np.linalg.eig(M)
     left = np.linalg.inv(right).conj().T  # columns w with w* M = mu w* and w* v = 1
     trivial = int(np.argmin(np.abs(values - 1)))

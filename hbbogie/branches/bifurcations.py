@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe
+from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe, probes_of
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
 from hbbogie.branches.multiplier_points import Located, with_multipliers
 from hbbogie.branches.resolution import doubt_at_fold
@@ -49,7 +49,7 @@ def special_points(
     special : tuple of SpecialPoint
         In the order of the curve.
     """
-    probes = [Probe(curve, point, judge) for point in points]
+    probes = probes_of(curve, points, judge)
     arcs: list[float] = np.cumsum([0.0, *(distance(curve, a, b) for a, b in pairwise(points))]).tolist()
     found = _changes(curve, probes, arcs, known)
     if judge:
@@ -94,14 +94,14 @@ def _changes(
     found: list[Located] = []
     contacts: list[_Contact] = []
     for kind in kinds:
-        values = [float("nan") if kind == "branching" and i in known else q.value(kind) for i, q in enumerate(probes)]
-        for i, j in _brackets(probes, values, kind):
-            if (change := _located(curve, probes, values, (i, j), kind)) is None:
+        sides = [float("nan") if kind == "branching" and i in known else q.side(kind) for i, q in enumerate(probes)]
+        for i, j in _brackets(probes, sides, kind):
+            if (change := _located(curve, probes, (i, j), kind)) is None:
                 continue
             place, at, reach, flat = change
             arc = arcs[place] + distance(curve, probes[place].point, at.point)
             if not isinstance(kind, str):
-                contacts.append(_Contact(arc, kind, values[j] > 0, at, reach))
+                contacts.append(_Contact(arc, kind, sides[j] > 0, at, reach))
                 continue
             tangents = probes[i].point.tangent, probes[j].point.tangent
             if (point := _special(curve, at, kind, tangents, reach)) is not None:
@@ -178,7 +178,7 @@ def _groups(contacts: list[_Contact]) -> list[list[_Contact]]:
 
 
 def _located(
-    curve: CycleCurve, probes: list[Probe], values: list[float], change: tuple[int, int], kind: Kind
+    curve: CycleCurve, probes: list[Probe], change: tuple[int, int], kind: Kind
 ) -> tuple[int, Probe, float, bool] | None:
     """Locate a change of sign of a test function.
 
@@ -189,13 +189,14 @@ def _located(
         function is round-off over several points. None where it is a jump, or cannot be followed.
     """
     i, j = change
+    values = {k: probes[k].value(kind) for k in range(i, j + 1)}
     steps = [k for k in range(i, j) if values[k] * values[k + 1] <= 0]
     ends, a, b = (values[i], values[j]), probes[steps[0]], probes[steps[0] + 1]
     probes_at = {id(a.point): a, id(b.point): b}
 
     def test(point: Point) -> float:
         if id(point) not in probes_at:
-            probes_at[id(point)] = Probe(curve, point, a.judge)
+            (probes_at[id(point)],) = probes_of(curve, [point], a.judge)
         return probes_at[id(point)].value(kind)
 
     found = located(curve, a.point, b.point, test)

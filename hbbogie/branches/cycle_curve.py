@@ -123,7 +123,13 @@ class CycleCurve:
         size = abs(self.branching(point))
         return left / size if size > left**0.5 else left**0.5
 
-    def orbit(self, point: Point, status: str = "converged by pseudo-arclength continuation") -> Orbit:
+    def orbits(self, points: Sequence[Point]) -> list[Orbit]:
+        """Return the cycles of points."""
+        m, status = self.equations.size, "converged by pseudo-arclength continuation"
+        z, F = np.array([point.u[:m] for point in points]), np.array([point.residual for point in points]) * self.rows
+        p = np.array([self.problem.parameters(point.u) for point in points])
+        return self.equations.decode_each(z, p, F, status)
+
+    def orbit(self, point: Point) -> Orbit:
         """Return the cycle of a point."""
-        m = self.equations.size
-        return self.equations.decode(point.u[:m], self.problem.parameters(point.u), status, point.residual * self.rows)
+        return self.orbits([point])[0]

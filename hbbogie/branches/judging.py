@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from hbbogie.deadline import time_is_over
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.results.branch import Branch
 from hbbogie.results.failure import FAILURES, ConvergenceError
-from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.multipliers import floquet, floquet_of_each
 from hbbogie.stability.verification import verify
 
+TOGETHER = 8000  # orbits judged together, times the square of the number of states: their matrices are in memory
 EXACT = 1e-3  # error of the trivial multiplier beyond which a cycle without a verdict is polished
 MEETING = 0.2  # distance from 1 of two multipliers that meet there: next to a fold shooting is of no help
 NEAR, FAR = 0.01, 0.5  # distance in frequency and, relative to the peaks, in waveform of a polished cycle
@@ -55,11 +57,33 @@ def stability_of(system: System, orbit: Orbit) -> Stability | None:
     Stability or None
         None where the multipliers cannot be computed at all.
     """
+    return stabilities_of(system, [orbit])[0]
+
+
+def stabilities_of(system: System, orbits: Sequence[Orbit]) -> list[Stability | None]:
+    """Return what `stability_of` does of each of some orbits, judged together; None also where time is over."""
+    found: list[Stability | None] = []
+    most = max(1, TOGETHER // system.n_states**2)
+    for k in range(0, len(orbits), most):
+        some = orbits[k : k + most]
+        first = [None for _ in some] if time_is_over() else _judged_together(system, some)
+        for orbit, stability in zip(some, first, strict=True):
+            if stability is not None and not clear(stability) and not time_is_over():
+                stability = polished_stability(system, orbit) or stability
+            found.append(stability)
+    return found
+
+
+def _judged_together(system: System, orbits: Sequence[Orbit]) -> list[Stability | None]:
+    """Return the stability of each of some orbits, not polished; None where it cannot be computed."""
+    new = [orbit for orbit in orbits if orbit.stability is None]
     try:
-        first = orbit.stability or floquet(system, orbit)
+        judged = iter(floquet_of_each(system, new))
     except FAILURES:
-        return None
-    return first if clear(first) else polished_stability(system, orbit) or first
+        if len(new) == 1:
+            return [orbit.stability for orbit in orbits]
+        return [one for orbit in orbits for one in _judged_together(system, [orbit])]
+    return [orbit.stability or next(judged) for orbit in orbits]
 
 
 def clear(stability: Stability) -> bool:

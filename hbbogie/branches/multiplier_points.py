@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbbogie.branches.bifurcation_tests import MARGIN, Probe
+from hbbogie.branches.bifurcation_tests import MARGIN, Probe, probes_of
 from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.branches.multiplier_paths import Crossing, crossings_of, followed, logarithms, neutral_within
 from hbbogie.branches.switching import asymmetric, doubled
@@ -121,7 +121,7 @@ def _located(curve: CycleCurve, probes: list[Probe], crossing: Crossing) -> tupl
 
     def test(point: Point) -> float:
         if id(point) not in probes_at:
-            probes_at[id(point)] = Probe(curve, point, a.judge)
+            (probes_at[id(point)],) = probes_of(curve, [point], a.judge)
         return followed(reference, log, probes_at[id(point)]).real
 
     found = located(curve, a.point, b.point, test)

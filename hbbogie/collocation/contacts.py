@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hbbogie.collocation.cycle import cycle_of
 from hbbogie.collocation.equations import OnMesh
-from hbbogie.stability.variation import Waveform
+from hbbogie.stability.variation import Waveforms
 
 Array = NDArray[np.float64]
 MET = 1e-12  # distance of a contact time from a point of the mesh, as a share of the period, up to which it is there
@@ -22,7 +22,7 @@ def contact_times(equations: OnMesh, u: Array) -> Array:
     p = equations.parameters(u)
     at = dict(zip(system.parameter_names, map(float, p), strict=True))
     orbit = cycle_of(system, equations.mesh, values, T, at, equations.advance).orbit()
-    return Waveform(system, orbit, p).switchings() / (2 * np.pi)
+    return Waveforms(system, [orbit], p[None]).switchings()[0] / (2 * np.pi)
 
 
 def met(mesh: Array, times: Array) -> bool:

@@ -22,7 +22,7 @@ from hbbogie.model.system import System
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.linear_phases import LinearPhases
-from hbbogie.stability.variation import Waveform, check_orbit
+from hbbogie.stability.variation import Waveforms, check_orbit
 
 Array = NDArray[np.float64]
 
@@ -135,24 +135,24 @@ def exact_cycle(system: System, orbit: Orbit, parameter: str, *, free: bool = Fa
     place = system.parameter_names.index(system.parameter(parameter).name)
     p = system.vector(**orbit.parameters)
     sigma = -1 if model.symmetric and orbit.is_odd() else 1
-    waveform = Waveform(system, orbit, p)
-    sequence, begin, h = _sequence_along(model, waveform, sigma)
-    frame = frame_of(model, waveform.all_states.at(fourier.phases(256)), orbit.omega, p, place)
-    x = waveform.all_states.at(np.array([begin]))[0]
+    waveforms = Waveforms(system, [orbit], p[None])
+    sequence, begin, h = _sequence_along(model, waveforms, sigma)
+    frame = frame_of(model, waveforms.all_states.at(fourier.phases(256)), orbit.omega, p, place)
+    x = waveforms.all_states.at(np.array([begin]))[0]
     y = np.concatenate([x / frame.state[0, :-1], h, [p[place] / frame.parameter[0]]])
     return settled(Closing(model, sequence, p[None], place, frame), y, free)
 
 
-def _sequence_along(model: SwitchedLinear, waveform: Waveform, sigma: int) -> tuple[Sequence, float, Array]:
-    """Return the sequence along a waveform, the phase at which it begins [rad] and the durations [rad]."""
+def _sequence_along(model: SwitchedLinear, waveforms: Waveforms, sigma: int) -> tuple[Sequence, float, Array]:
+    """Return the sequence along an orbit, the phase at which it begins [rad] and the durations [rad]."""
     level = [s.level for s in model.surfaces]
-    tau = fourier.phases(max(SAMPLES, 16 * waveform.H))
-    d = waveform.depth(tau)[:, level]
+    tau = fourier.phases(max(SAMPLES, 16 * waveforms.H))
+    d = waveforms.depth(tau)[:, level]
     after = np.roll(d, -1, axis=0)
     j, k = np.nonzero((d > 0) != (after > 0))
     if not len(j):
         raise ConvergenceError(
-            f"system {waveform.system.name!r}: the orbit crosses no surface at which a law changes its line. It "
+            f"system {waveforms.system.name!r}: the orbit crosses no surface at which a law changes its line. It "
             "is a cycle of a linear system; give one that reaches a contact."
         )
     when = tau[j] + (tau[1] - tau[0]) * d[j, k] / (d[j, k] - after[j, k])
@@ -166,7 +166,7 @@ def _sequence_along(model: SwitchedLinear, waveform: Waveform, sigma: int) -> tu
     last = int(k[0]) if model.mirror is None or sigma > 0 else int(model.mirror[k[0]])
     ends = np.concatenate([when[:1], when[1:][inside], [when[0] + span]])
     events = (*(int(e) for e in k[1:][inside]), last)
-    middle = waveform.depth(0.5 * (ends[1:] + ends[:-1]))[:, level] > 0
+    middle = waveforms.depth(0.5 * (ends[1:] + ends[:-1]))[:, level] > 0
     sequence = Sequence(tuple(tuple(map(bool, m)) for m in middle), events, sigma)
     return sequence, float(when[0]), np.diff(ends)
 

@@ -196,19 +196,31 @@ class Equations:
 
     def decode(self, z: Array, p: Array, status: str = "", F: Array | None = None) -> Orbit:
         """Return the orbit of the unknowns z at the parameter vector p; ``F`` is the residual if it is known."""
-        system = self.system
         if F is None:
             F = self.residual(z, p).full().ravel()
-        return Orbit(
-            system=system.name,
-            coordinates=system.coordinate_names,
-            naming=system.naming,
-            units=tuple(c.unit for c in system.coordinates),
-            motion=FourierSeries(np.asarray(self.coefficients(z, p).full())),
-            omega=float(self.frequency(z)),
-            parameters=dict(zip(system.parameter_names, map(float, p), strict=True)),
-            method=self.method,
-            residual=float(np.abs(F / self.residual_scale).max()),
-            status=status,
-            advance=self.advance,
-        )
+        return self.decode_each(z[None], p[None], F[None], status)[0]
+
+    def decode_each(self, z: Array, p: Array, F: Array, status: str = "") -> list[Orbit]:
+        """Return the orbits of unknowns z, shape (P, m), at parameter vectors p, where the residuals are F."""
+        system, P = self.system, len(z)
+        c = self.coefficients(z.T, p.T).full()
+        c = c.reshape(len(c), P, -1).swapaxes(0, 1)
+        residual = np.abs(F / self.residual_scale).max(axis=1)
+        names, omega = system.parameter_names, np.broadcast_to(self.frequency(z.T).full().ravel(), P)
+        units = tuple(coordinate.unit for coordinate in system.coordinates)
+        return [
+            Orbit(
+                system=system.name,
+                coordinates=system.coordinate_names,
+                naming=system.naming,
+                units=units,
+                motion=FourierSeries(np.array(c[k])),
+                omega=float(omega[k]),
+                parameters=dict(zip(names, p[k].tolist(), strict=True)),
+                method=self.method,
+                residual=float(residual[k]),
+                status=status,
+                advance=self.advance,
+            )
+            for k in range(P)
+        ]

@@ -31,9 +31,18 @@ def conserved_quantities(system: System, p: Array, size: Array) -> Array:
     ndarray, shape (k, n_states)
         Each with entries of at most 1, in echelon form.
     """
+    return conserved_in_each(system, p[None], size[None])[0]
+
+
+def conserved_in_each(system: System, p: Array, size: Array) -> list[Array]:
+    """Return `conserved_quantities` at each of some parameter values, shape (P, ...), with sizes (P, n_states)."""
+    none = np.zeros((0, system.n_states))
+    regular = _regular(system, p, size)
+    return [none if known else _conserved(system, *at) for known, *at in zip(regular, p, size, strict=True)]
+
+
+def _conserved(system: System, p: Array, size: Array) -> Array:
     n = system.n_states
-    if _regular(system, p, size):
-        return np.zeros((0, n))
     samples = 2 * n + 6
     rates = system.once(("rates", samples), lambda: system.ode.map(samples))
     rng = np.random.default_rng(1995)
@@ -60,15 +69,17 @@ def conserved_along(system: System, orbit: Orbit, p: Array) -> Array:
     return conserved_quantities(system, p, np.append(size, orbit.omega * size[list(system.second_order)]))
 
 
-def _regular(system: System, p: Array, size: Array) -> bool:
+def _regular(system: System, p: Array, size: Array) -> NDArray[np.bool_]:
     """Tell whether the rates have a regular derivative at some state: what they conserve would be its left null."""
+    P, n = size.shape
     scale = np.where(size > 0, size, 1.0)
-    A = system.ode_jacobian(scale * np.random.default_rng(1995).standard_normal(len(size)), p).full() * scale
-    if not np.isfinite(A).all():
-        return False
-    rows = np.abs(A).max(axis=1)
-    s = np.linalg.svd(A / np.where(rows > 0, rows, 1.0)[:, None], compute_uv=False)
-    return bool(s[-1] > REGULAR * s[0])
+    x = scale * np.random.default_rng(1995).standard_normal(n)
+    A = system.ode_jacobian(x.T, p.T).full().reshape(n, P, n).swapaxes(0, 1) * scale[:, None]
+    finite = np.isfinite(A).all(axis=(1, 2))
+    A[~finite] = 0.0
+    rows = np.abs(A).max(axis=2)
+    s = np.linalg.svd(A / np.where(rows > 0, rows, 1.0)[:, :, None], compute_uv=False)
+    return np.asarray(finite & (s[:, -1] > REGULAR * s[:, 0]))
 
 
 def echelon(rows: Array) -> Array:

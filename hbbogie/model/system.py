@@ -175,7 +175,9 @@ class System:
         ModelError
             For an unknown name, a value that is not finite or outside the parameter's bounds.
         """
-        checked = {name: checked_value(self.parameter(name), value) for name, value in values.items()}
+        own = self._values
+        new = {name: value for name, value in values.items() if not (type(value) is float and value == own.get(name))}
+        checked = {name: checked_value(self.parameter(name), value) for name, value in new.items()}
         return System._of(self._dynamics, {**self._values, **checked})
 
     def backwards(self) -> System:

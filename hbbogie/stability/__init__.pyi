@@ -3,7 +3,7 @@ from .hill_method import hill as hill
 from .jumps import passages_of as passages_of
 from .multipliers import floquet as floquet
 from .shooting import Shooting as Shooting
-from .variation import Waveform as Waveform
+from .variation import Waveforms as Waveforms
 from .verification import Verification as Verification
 from .verification import defect as defect
 from .verification import verify as verify

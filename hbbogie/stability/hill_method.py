@@ -15,7 +15,7 @@ from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.stability.multipliers import ALIGNED, CANDIDATES, sides
-from hbbogie.stability.variation import Waveform, check_orbit
+from hbbogie.stability.variation import Waveforms, check_orbit
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -111,21 +111,21 @@ def hill(system: System, orbit: Orbit, *, harmonics: int | None = None, toleranc
         raise ModelError(f"harmonics: got {harmonics!r}; give a whole number, 1 or more.")
     if not tolerance > 0:
         raise ModelError(f"tolerance: got {tolerance!r}; give a number above 0.")
-    waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
-    A = _state_matrix_modes(waveform, 2 * int(H))
+    waveforms = Waveforms(system, [orbit], system.vector(**orbit.parameters)[None])
+    A = _state_matrix_modes(waveforms, 2 * int(H))
     eigenvalues, vectors, scale = _eigen(A, orbit.omega)
     taken = _central(eigenvalues, vectors, system.n_states, orbit.omega)
     order = taken[np.argsort(-eigenvalues[taken].real, kind="stable")]
     copies = _disagreement(eigenvalues, order, orbit)
-    trivial = _trivial(eigenvalues[order], vectors[..., order], waveform, scale, orbit)
+    trivial = _trivial(eigenvalues[order], vectors[..., order], waveforms, scale, orbit)
     return _judge(eigenvalues[order], trivial, copies, float(A[2 * int(H)].trace().real), orbit, tolerance)
 
 
-def _state_matrix_modes(waveform: Waveform, K: int) -> Complex:
+def _state_matrix_modes(waveforms: Waveforms, K: int) -> Complex:
     """Return the Fourier coefficients -K ... K of the state matrix, shape (2 K + 1, n_states, n_states) [1/s]."""
-    n = waveform.system.n_states
-    ends = np.unique(np.r_[0.0, waveform.switchings(), 2 * np.pi])
-    fastest = K + 4 * waveform.H
+    n = waveforms.system.n_states
+    ends = np.unique(np.r_[0.0, waveforms.switchings()[0], 2 * np.pi])
+    fastest = K + 4 * waveforms.H
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     tau, w = [], []
     for a, b in pairwise(ends):
@@ -135,8 +135,8 @@ def _state_matrix_modes(waveform: Waveform, K: int) -> Complex:
         tau.append((0.5 * (edges[:-1] + edges[1:])[:, None] + reach * nodes).ravel())
         w.append(np.tile(reach * weights, panels))
     phases, weight = np.concatenate(tau), np.concatenate(w)
-    x, lines = waveform.states(phases).T, waveform.lines(phases).T
-    A = waveform.model.matrix(x, lines, waveform.p).full().reshape(n, -1, n)
+    x, lines = waveforms.states(phases).T, waveforms.lines(phases).T
+    A = waveforms.model.matrix(x, lines, waveforms.p[0]).full().reshape(n, -1, n)
     if A.shape[1] == 1:  # a constant matrix, the same for all phases
         A = np.repeat(A, len(phases), axis=1)
     waves = np.exp(-1j * np.outer(np.arange(-K, K + 1), phases)) * weight / (2 * np.pi)
@@ -158,7 +158,7 @@ def _eigen(A: Complex, omega: float) -> tuple[Complex, Complex, Array]:
     return eigenvalues, vectors.reshape(len(h), n, -1), scale
 
 
-def _trivial(exponents: Complex, vectors: Complex, waveform: Waveform, scale: Array, orbit: Orbit) -> int:
+def _trivial(exponents: Complex, vectors: Complex, waveforms: Waveforms, scale: Array, orbit: Orbit) -> int:
     """Return the place of the trivial exponent: of those near 0 the one whose mode is the velocity of the states."""
     with np.errstate(over="ignore", invalid="ignore"):
         away = np.abs(np.exp(exponents * orbit.period) - 1)
@@ -166,7 +166,7 @@ def _trivial(exponents: Complex, vectors: Complex, waveform: Waveform, scale: Ar
     if len(near) < 2:
         return int(np.argmin(away))
     H = len(vectors) // 2
-    rate = waveform.all_states.at(fourier.phases(8 * (H + 1)), 1) / scale
+    rate = waveforms.all_states.at(fourier.phases(8 * (H + 1)), 1) / scale
     modes = np.fft.fft(rate, axis=0)[np.arange(-H, H + 1)]
     along = np.abs(np.einsum("hs,hsm->m", modes.conj(), vectors[..., near]))
     along /= np.linalg.norm(vectors[..., near], axis=(0, 1))
@@ -192,8 +192,8 @@ def null_mode(system: System, orbit: Orbit, *, doubled: bool) -> Array:
         + 1, n), or odd harmonics of half this frequency, shape (4 H + 1, n).
     """
     H, n = orbit.H, system.n_states
-    waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
-    A = _state_matrix_modes(waveform, 2 * H + 1)
+    waveforms = Waveforms(system, [orbit], system.vector(**orbit.parameters)[None])
+    A = _state_matrix_modes(waveforms, 2 * H + 1)
     k = np.arange(-2 * H + 1, 2 * H, 2) if doubled else np.arange(-(H // 2) * 2, H + 1, 2)
     omega = orbit.omega / 2 if doubled else orbit.omega
     steps = (k[:, None] - k[None, :]) // (2 if doubled else 1)

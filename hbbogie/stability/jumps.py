@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hbbogie.model.elements import AttachedLaw
 from hbbogie.model.system import System
 from hbbogie.stability.shooting import Path, Shooting, field_of
-from hbbogie.stability.variation import Waveform, contacts_of
+from hbbogie.stability.variation import Waveforms, contacts_of
 
 Array = NDArray[np.float64]
 
@@ -67,19 +67,21 @@ class Passages:
         return float(np.log(np.abs(self.after / self.before)).sum())
 
 
-def passages_along(waveform: Waveform, mesh: Array) -> Passages:
-    """Return the passages of an orbit, whose switchings are on the mesh.
+def passages_along(waveforms: Waveforms, mesh: Array, of: int = 0) -> Passages:
+    """Return the passages of one of some orbits, whose switchings are on the mesh.
 
     Parameters
     ----------
-    waveform : Waveform
+    waveforms : Waveforms
     mesh : ndarray, shape (N + 1,), rad
+    of : int
+        The place of the orbit.
     """
-    system, phases = waveform.system, mesh[:-1]
+    system, phases = waveforms.system, mesh[:-1]
     jumping = [i for i, e in enumerate(contacts_of(system)) if e.heights is not None]
     if not jumping:
         return _none(system)
-    before, after = (waveform.lines(phases + side) for side in (-EITHER_SIDE, EITHER_SIDE))
+    before, after = (waveforms.lines(phases + side, of) for side in (-EITHER_SIDE, EITHER_SIDE))
     nodes = np.flatnonzero((before != after).any(axis=1))
     # a jump between two close nodes of the mesh is seen at both, but counts once
     next_one = np.append(phases[nodes[1:]], phases[nodes[:1]] + mesh[-1])
@@ -99,10 +101,10 @@ def passages_along(waveform: Waveform, mesh: Array) -> Passages:
                 now = then
     if not place:
         return _none(system)
-    x = waveform.all_states.at(phases[place])
+    x = waveforms.all_states.at(phases[place], of=of)
     sides = np.array(lines)
     when = phases[place] / mesh[-1]
-    return _passages(system, waveform.p, np.array(place), when, np.array(contact), x, sides[:, 0], sides[:, 1])
+    return _passages(system, waveforms.p[of], np.array(place), when, np.array(contact), x, sides[:, 0], sides[:, 1])
 
 
 def passages_of(shooting: Shooting, path: Path) -> Passages:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, door
-from hbbogie.model.conserved import conserved_quantities, expression, state_names
+from hbbogie.model.conserved import conserved_in_each, expression, state_names
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.stability.jumps import passages_along
 from hbbogie.stability.transitions import product, transitions_along
-from hbbogie.stability.variation import Waveform, check_orbit
+from hbbogie.stability.variation import Waveforms, check_orbit
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -87,33 +88,61 @@ def floquet(
     has +1 at a fold and -1 at a pitchfork that breaks the symmetry. Over the full period both are +1. With G, the
     trivial multiplier of a pitchfork also remains separate from the critical one.
     """
-    check_orbit(system, orbit)
     if not tolerance > 0:
         raise ModelError(f"tolerance: got {tolerance!r}; give a number above 0.")
     if steps is not None and not (isinstance(steps, int | np.integer) and steps >= 4):
         raise ModelError(f"steps: got {steps!r}; give a whole number, 4 or more.")
-    halved = _halved(system, orbit, half)
-    p = system.vector(**orbit.parameters)
-    if orbit.H == 0:
-        return _equilibrium(system, orbit, p, tolerance)
-    waveform = Waveform(system, orbit, p)
-    along = transitions_along(waveform, steps, half=halved)
-    passages = passages_along(waveform, along.mesh)
-    none = np.full(system.n_states, np.nan, dtype=complex)
-    if passages.obstacle:
-        return Stability("unknown", none, float("nan"), 0, f"{passages.obstacle}.")
-    transitions = passages.inserted(along.matrices)
-    monodromy = product(transitions)
-    if not np.isfinite(monodromy).all():
-        reason = f"the variational equations overflow in {len(transitions)} steps; take more steps."
-        return Stability("unknown", none, float("nan"), 0, reason)
-    parts = 2 if halved else 1
-    log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
-    trace = parts * (along.trace + passages.log_determinant)
-    size = waveform.all_states.size
-    x = waveform.all_states.at(along.mesh[:1])[0]
-    motion = Motion(system.ode(x, p).full().ravel(), size, conserved_quantities(system, p, size), state_names(system))
-    return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance, motion)
+    return floquet_of_each(system, [orbit], steps=steps, tolerance=tolerance, half=half)[0]
+
+
+def floquet_of_each(
+    system: System,
+    orbits: Sequence[Orbit],
+    *,
+    steps: int | None = None,
+    tolerance: float = 1e-2,
+    half: bool | None = None,
+) -> list[Stability]:
+    """Return what `floquet` does of each of some orbits, as of a branch, in one batch."""
+    found: dict[int, Stability] = {}
+    cycles: dict[bool, list[int]] = {True: [], False: []}
+    for orbit in orbits:
+        check_orbit(system, orbit)
+    p = np.array([system.vector(**orbit.parameters) for orbit in orbits])
+    for k, orbit in enumerate(orbits):
+        halved = _halved(system, orbit, half)
+        if orbit.H == 0:
+            found[k] = _equilibrium(system, orbit, p[k], tolerance)
+        else:
+            cycles[halved].append(k)
+    for halved, places in cycles.items():
+        if places:
+            waveforms = Waveforms(system, [orbits[k] for k in places], p[places])
+            found |= zip(places, _judged(waveforms, steps, tolerance, halved), strict=True)
+    return [found[k] for k in range(len(orbits))]
+
+
+def _judged(waveforms: Waveforms, steps: int | None, tolerance: float, halved: bool) -> list[Stability]:
+    """Return the verdicts on cycles."""
+    system, p, sizes = waveforms.system, waveforms.p, waveforms.all_states.size
+    every, parts = np.arange(len(p)), 2 if halved else 1
+    rates = system.ode(waveforms.all_states.at(np.zeros(len(p)), of=every).T, p.T).full().T
+    conserved, names = conserved_in_each(system, p, sizes), state_names(system)
+    found = []
+    for k, along in enumerate(transitions_along(waveforms, steps, half=halved)):
+        passages = passages_along(waveforms, along.mesh, k)
+        transitions = passages.inserted(along.matrices)
+        monodromy = product(transitions)
+        if passages.obstacle or not np.isfinite(monodromy).all():
+            overflow = f"the variational equations overflow in {len(transitions)} steps; take more steps"
+            none = np.full(system.n_states, np.nan, dtype=complex)
+            found.append(Stability("unknown", none, float("nan"), 0, f"{passages.obstacle or overflow}."))
+            continue
+        log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
+        trace = parts * (along.trace + passages.log_determinant)
+        motion = Motion(rates[k], sizes[k], conserved[k], names)
+        found.append(judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance, motion))
+    return found
 
 
 def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:

@@ -1,9 +1,11 @@
-"""Linear functions of positions and velocities along an orbit, in whichever form its motion is stored."""
+"""Linear functions of positions and velocities along orbits, in whichever form their motions are stored."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -14,60 +16,86 @@ from hbbogie.results import Orbit
 from hbbogie.results.periodic import FourierSeries
 
 Array = NDArray[np.float64]
+Places = int | NDArray[np.int_]
 
 
 class Signals(Protocol):
-    """M functions of the phase."""
+    """M functions of the phase for each of P orbits.
 
-    def at(self, tau: Array, derivative: int = 0) -> Array:
+    Phases come with the place of the orbit to which each belongs, ``of``: in increasing order, or one for all.
+    """
+
+    def at(self, tau: Array, derivative: int = 0, of: Places = 0) -> Array:
         """Return the functions, or a derivative of theirs in tau, at phases tau [rad], shape (len(tau), M)."""
 
-    def with_slope(self, tau: Array, column: NDArray[np.int_], derivative: int) -> tuple[Array, Array]:
+    def with_slope(
+        self, tau: Array, column: NDArray[np.int_], derivative: int, of: NDArray[np.int_]
+    ) -> tuple[Array, Array]:
         """Return one function, or a derivative of it, at each of some phases, and the next derivative there."""
 
     def on_grid(self, H: int, end: float) -> tuple[Array, Array, Array]:
-        """Return phases from 0 to end, fine enough for harmonic H, and the functions and their derivatives there."""
+        """Return phases from 0 to end, fine enough for harmonic H, and functions and derivatives, shape (P, G, M)."""
 
     @property
     def size(self) -> Array:
-        """Bound on the absolute value of each, shape (M,), close to the largest."""
+        """Bound on the absolute value of each, shape (P, M), close to the largest."""
 
     @property
     def extremes(self) -> tuple[Array, Array]:
-        """Smallest and largest value of each, each of shape (M,)."""
+        """Smallest and largest value of each, each of shape (P, M)."""
 
 
-def signals(orbit: Orbit, dq: Array, dv: Array, rest: Array) -> Signals:
-    """Return the functions dq q + dv v + rest along an orbit.
+def signals(orbits: Sequence[Orbit], dq: Array, dv: Array, rest: Array) -> Signals:
+    """Return the functions dq q + dv v + rest along orbits.
 
     Parameters
     ----------
-    orbit : Orbit
-    dq, dv : ndarray, shape (M, n)
-    rest : ndarray, shape (M,)
+    orbits : sequence of Orbit
+    dq, dv : ndarray, shape (P, M, n)
+    rest : ndarray, shape (P, M)
     """
-    if orbit.advance or not isinstance(orbit.motion, FourierSeries):
-        return _OfMotion(orbit, dq, dv, rest)
-    c = orbit.coefficients
-    functions = c @ dq.T + orbit.omega * fourier.derivative(c) @ dv.T
-    functions[0] += rest
+    if any(orbit.advance or not isinstance(orbit.motion, FourierSeries) for orbit in orbits):
+        return _OfMotions(tuple(orbits), dq, dv, rest)
+    H = max(orbit.H for orbit in orbits)
+    c = np.stack([orbit.harmonics(H) for orbit in orbits], axis=1)
+    rates = fourier.derivative(c) * np.array([orbit.omega for orbit in orbits])[:, None]
+    q, v = (x.transpose(1, 0, 2) @ d.transpose(0, 2, 1) for x, d in ((c, dq), (rates, dv)))
+    functions = q + v
+    functions[:, 0] += rest
     return _OfSeries(functions)
+
+
+def _each(of: Places, count: int) -> Iterator[tuple[int, slice]]:
+    """Return the orbits to which phases belong, each with the slice of its phases."""
+    if isinstance(of, int):
+        return iter([(of, slice(None))])
+    ends = np.searchsorted(of, np.arange(count + 1))
+    return ((k, slice(a, b)) for k, (a, b) in enumerate(pairwise(ends.tolist())) if b > a)
 
 
 @dataclass(frozen=True, eq=False)
 class _OfSeries:
-    c: Array
+    c: Array  # shape (P, 2 H + 1, M)
 
-    def at(self, tau: Array, derivative: int = 0) -> Array:
-        return fourier.synthesis(fourier.highest(self.c), tau, derivative) @ self.c
+    @property
+    def H(self) -> int:
+        return (self.c.shape[1] - 1) // 2
+
+    def at(self, tau: Array, derivative: int = 0, of: Places = 0) -> Array:
+        E, out = fourier.synthesis(self.H, tau, derivative), np.empty((len(tau), self.c.shape[2]))
+        for k, own in _each(of, len(self.c)):
+            out[own] = E[own] @ self.c[k]
+        return out
 
     @cached_property
     def derivatives(self) -> list[Array]:
-        return [fourier.derivative(self.c, order) for order in range(3)]
+        return [fourier.derivative(self.c.swapaxes(0, 1), order).swapaxes(0, 1) for order in range(3)]
 
-    def with_slope(self, tau: Array, column: NDArray[np.int_], derivative: int) -> tuple[Array, Array]:
-        E = fourier.synthesis(fourier.highest(self.c), tau)
-        first, second = (np.einsum("ij,ji->i", E, self.derivatives[derivative + k][:, column]) for k in (0, 1))
+    def with_slope(
+        self, tau: Array, column: NDArray[np.int_], derivative: int, of: NDArray[np.int_]
+    ) -> tuple[Array, Array]:
+        E = fourier.synthesis(self.H, tau)
+        first, second = (np.einsum("ij,ij->i", E, self.derivatives[derivative + k][of, :, column]) for k in (0, 1))
         return first, second
 
     def on_grid(self, H: int, end: float) -> tuple[Array, Array, Array]:
@@ -76,33 +104,47 @@ class _OfSeries:
 
     @property
     def size(self) -> Array:
-        return np.asarray(np.abs(self.c).sum(axis=0))
+        return np.asarray(np.abs(self.c).sum(axis=1))
 
     @property
     def extremes(self) -> tuple[Array, Array]:
-        return fourier.extremes(self.c)
+        P, rows, M = self.c.shape
+        low, high = fourier.extremes(self.c.swapaxes(0, 1).reshape(rows, P * M))
+        return low.reshape(P, M), high.reshape(P, M)
 
 
 @dataclass(frozen=True, eq=False)
-class _OfMotion:
-    orbit: Orbit
+class _OfMotions:
+    orbits: tuple[Orbit, ...]
     dq: Array
     dv: Array
     rest: Array
 
-    def at(self, tau: Array, derivative: int = 0) -> Array:
-        out = self.orbit.at(tau, derivative) @ self.dq.T + (0.0 if derivative else self.rest)
-        if self.dv.any():
-            out = out + self.orbit.omega * self.orbit.at(tau, derivative + 1) @ self.dv.T
+    def at(self, tau: Array, derivative: int = 0, of: Places = 0) -> Array:
+        out = np.empty((len(tau), self.rest.shape[1]))
+        for k, own in _each(of, len(self.orbits)):
+            out[own] = self._of_one(k, tau[own], derivative)
+        return out
+
+    def _of_one(self, k: int, tau: Array, derivative: int) -> Array:
+        orbit, dq, dv = self.orbits[k], self.dq[k], self.dv[k]
+        out = orbit.at(tau, derivative) @ dq.T + (0.0 if derivative else self.rest[k])
+        if dv.any():
+            out = out + orbit.omega * orbit.at(tau, derivative + 1) @ dv.T
         return np.asarray(out)
 
-    def with_slope(self, tau: Array, column: NDArray[np.int_], derivative: int) -> tuple[Array, Array]:
+    def with_slope(
+        self, tau: Array, column: NDArray[np.int_], derivative: int, of: NDArray[np.int_]
+    ) -> tuple[Array, Array]:
         k = np.arange(len(tau))
-        return self.at(tau, derivative)[k, column], self.at(tau, derivative + 1)[k, column]
+        return self.at(tau, derivative, of)[k, column], self.at(tau, derivative + 1, of)[k, column]
 
     def on_grid(self, H: int, end: float) -> tuple[Array, Array, Array]:
         grid, wrapped, _ = _grid(H, end)
-        return grid, self.at(wrapped), self.at(wrapped, 1)
+        values, slopes = (
+            np.stack([self._of_one(k, wrapped, order) for k in range(len(self.orbits))]) for order in (0, 1)
+        )
+        return grid, values, slopes
 
     @property
     def size(self) -> Array:
@@ -110,8 +152,8 @@ class _OfMotion:
 
     @property
     def extremes(self) -> tuple[Array, Array]:
-        values = self.at(self.orbit.motion.phases())
-        return values.min(axis=0), values.max(axis=0)
+        values = [self._of_one(k, orbit.motion.phases(), 0) for k, orbit in enumerate(self.orbits)]
+        return np.array([v.min(axis=0) for v in values]), np.array([v.max(axis=0) for v in values])
 
 
 @lru_cache(maxsize=16)

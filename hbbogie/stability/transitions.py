@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.exponential import exponentials
 from hbbogie.model.system import System
-from hbbogie.stability.variation import Model, Waveform
+from hbbogie.stability.variation import Model, Waveforms
 
 Array = NDArray[np.float64]
 
-# numbers of steps per period; each one used has its own function
+# numbers of steps per period
 SIZES = tuple(sorted(s * 2**k for s in (256, 384) for k in range(9)))
+CHUNK = 64  # steps of one call
 STEP_TIMES_EIGENVALUE = 0.075
 LONGEST = 4.0  # size of A h up to which the determinant of an exponential is accurate to round-off
 
@@ -43,23 +44,23 @@ class Transitions:
     trace: float
 
 
-def transitions_along(waveform: Waveform, steps: int | None = None, *, half: bool = False) -> Transitions:
-    """Return the transition matrices over the period, or its first half.
+def transitions_along(waveforms: Waveforms, steps: int | None = None, *, half: bool = False) -> list[Transitions]:
+    """Return the transition matrices of each orbit over the period, or its first half.
 
     Parameters
     ----------
-    waveform : Waveform
+    waveforms : Waveforms
     steps : int or None
         Runge-Kutta steps per full period, even if the mesh covers only half of it. By default the number is chosen
         automatically, or exponentials are used if the system is linear between switchings.
     half : bool
         Whether the mesh ends at pi instead of 2 pi.
     """
-    ends = waveform.phases(np.pi if half else 2 * np.pi)
-    if waveform.straight and steps is None:
-        return _exact(waveform, ends)
-    mesh = _mesh(waveform, ends, steps, 2 if half else 1)
-    return _stepped(waveform, mesh)
+    ends, of = waveforms.phases(np.pi if half else 2 * np.pi)
+    if waveforms.straight and steps is None:
+        return _exact(waveforms, ends, of)
+    own = np.split(ends, np.flatnonzero(np.diff(of)) + 1)
+    return _stepped(waveforms, _meshes(waveforms, own, steps, 2 if half else 1))
 
 
 def product(transitions: Array) -> Array:
@@ -74,42 +75,49 @@ def product(transitions: Array) -> Array:
 # --- exponentials -----------------------------------------------------------------------------
 
 
-def _exact(waveform: Waveform, ends: Array) -> Transitions:
+def _exact(waveforms: Waveforms, ends: Array, of: NDArray[np.int_]) -> list[Transitions]:
     """Return exponentials over pieces of each phase, short enough for accurate determinants."""
-    h, middle = np.diff(ends) / waveform.omega, 0.5 * (ends[:-1] + ends[1:])
-    A = _matrices(waveform, waveform.states(middle), waveform.lines(middle))
+    inner = of[1:] == of[:-1]
+    low, length, of = ends[:-1][inner], np.diff(ends)[inner], of[1:][inner]
+    h, middle = length / waveforms.omega[of], low + 0.5 * length
+    A = _matrices(waveforms, waveforms.states(middle, of), waveforms.lines(middle, of), of)
     A2 = A @ A
     A4 = A2 @ A2
     sizes = np.einsum("sij,sij->s", A4, A4) ** 0.125
     parts = np.maximum(1, np.ceil(sizes * h / LONGEST)).astype(int)
     E = exponentials(A[None], np.arange(len(h)), (h / parts)[None])[-1][0]
     place = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    mesh = np.repeat(ends[:-1], parts) + place * np.repeat(np.diff(ends) / parts, parts)
-    trace = float(np.trace(A, axis1=1, axis2=2) @ h)
-    return Transitions(np.append(mesh, ends[-1]), np.repeat(E, parts, axis=0), trace)
+    mesh = np.repeat(low, parts) + place * np.repeat(length / parts, parts)
+    traces = np.bincount(of, np.trace(A, axis1=1, axis2=2) * h)
+    matrices, begins = np.repeat(E, parts, axis=0), np.flatnonzero(np.diff(np.repeat(of, parts))) + 1
+    meshes = (np.append(own, ends[-1]) for own in np.split(mesh, begins))
+    return [Transitions(*one) for one in zip(meshes, np.split(matrices, begins), traces.tolist(), strict=True)]
 
 
-def _matrices(waveform: Waveform, x: Array, lines: Array) -> Array:
+def _matrices(waveforms: Waveforms, x: Array, lines: Array, of: NDArray[np.int_]) -> Array:
     """Return the state matrices at varying states, shape (M, m), and lines, shape (M, n_states, n_states)."""
-    n, M = waveform.system.n_states, len(lines)
-    stacked = waveform.model.matrix(x.T, lines.T, waveform.p).full()
+    n, M = waveforms.system.n_states, len(lines)
+    stacked = waveforms.model.matrix(x.T, lines.T, waveforms.p[of].T).full()
     return np.asarray(stacked.reshape(n, M, n).swapaxes(0, 1))
 
 
 # --- Runge-Kutta steps ------------------------------------------------------------------------
 
 
-def _mesh(waveform: Waveform, ends: Array, steps: int | None, parts: int) -> Array:
-    """Return the phases of a mesh that contains the ends, with the given number of steps in the whole period."""
-    end = ends[-1]
-    lengths = np.diff(ends)
-    if steps is None:
-        fastest = _fastest_eigenvalue(waveform, 0.5 * (ends[:-1] + ends[1:]))
-        wanted = 2 * np.pi / waveform.omega * fastest / STEP_TIMES_EIGENVALUE
-        wanted = max(wanted, 10 * waveform.H, 4 * parts * len(lengths))
-        N = next((s for s in SIZES if s >= wanted), SIZES[-1]) // parts
-    else:
-        N = max(-(-int(steps) // parts), len(lengths))
+def _meshes(waveforms: Waveforms, ends: list[Array], steps: int | None, parts: int) -> list[Array]:
+    """Return the phases of meshes that contain the ends, with the given number of steps in the whole period."""
+    if steps is not None:
+        return [_mesh(own, max(-(-int(steps) // parts), len(own) - 1)) for own in ends]
+    fastest = _fastest_eigenvalues(waveforms, [0.5 * (own[:-1] + own[1:]) for own in ends])
+    wanted = 2 * np.pi / waveforms.omega * fastest / STEP_TIMES_EIGENVALUE
+    least = [max(N, 10 * waveforms.H, 4 * parts * (len(own) - 1)) for N, own in zip(wanted, ends, strict=True)]
+    sizes = [next((s for s in SIZES if s >= N), SIZES[-1]) // parts for N in least]
+    return [_mesh(own, N) for own, N in zip(ends, sizes, strict=True)]
+
+
+def _mesh(ends: Array, N: int) -> Array:
+    """Return the phases of a mesh of N steps that contains the ends."""
+    end, lengths = ends[-1], np.diff(ends)
     counts = np.maximum(1, np.floor(N * lengths / end).astype(int))
     while counts.sum() < N:
         counts[np.argmax(lengths / counts)] += 1
@@ -119,13 +127,22 @@ def _mesh(waveform: Waveform, ends: Array, steps: int | None, parts: int) -> Arr
     return np.append(np.concatenate(pieces), end)
 
 
-def _fastest_eigenvalue(waveform: Waveform, midpoints: Array) -> float:
-    """Return the largest eigenvalue modulus of A at the midpoints and where its norm is large [1/s]."""
-    grid = np.r_[midpoints[:48], fourier.phases(128)]
-    x, lines = waveform.states(grid), waveform.lines(grid)
-    norms = waveform.model.norm(x.T, lines.T, waveform.p).full().ravel()
-    some = np.r_[: len(grid) - 128, len(grid) - 128 + np.argsort(norms[-128:])[-16:]]
-    return float(np.abs(np.linalg.eigvals(_matrices(waveform, x[some], lines[some]))).max())
+def _fastest_eigenvalues(waveforms: Waveforms, midpoints: list[Array]) -> Array:
+    """Return the largest eigenvalue modulus of A along each orbit, at midpoints and where its norm is large [1/s]."""
+    grids = [np.r_[own[:48], fourier.phases(128)] for own in midpoints]
+    of = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
+    tau = np.concatenate(grids)
+    x, lines = waveforms.states(tau, of), waveforms.lines(tau, of)
+    norms = waveforms.model.norm(x.T, lines.T, waveforms.p[of].T).full().ravel()
+    last = np.cumsum([len(grid) for grid in grids])
+    some = [
+        np.r_[end - len(grid) : end - 128, end - 128 + np.argsort(norms[end - 128 : end])[-16:]]
+        for grid, end in zip(grids, last, strict=True)
+    ]
+    places = np.concatenate(some)
+    A = _matrices(waveforms, x[places], lines[places], of[places])
+    first = np.cumsum([0, *map(len, some[:-1])])
+    return np.asarray(np.maximum.reduceat(np.abs(np.linalg.eigvals(A)).max(axis=1), first))
 
 
 def _variation(system: System, model: Model) -> ca.Function:
@@ -151,20 +168,26 @@ def _variation(system: System, model: Model) -> ca.Function:
     return ca.Function("transition", [given], [matrix, h / 6 * ca.sum1(ca.vertcat(*traces))])
 
 
-def _stepped(waveform: Waveform, mesh: Array) -> Transitions:
-    """Return the transition matrix of each interval of a mesh, and the integral of the trace by Simpson's rule."""
-    system, N = waveform.system, len(mesh) - 1
-    one = system.once("variation", lambda: _variation(system, waveform.model))
-    buffer, run = system.once(("variation", N), lambda: one.map(N)).buffer()
-    middle = 0.5 * (mesh[:-1] + mesh[1:])
-    x, x_middle = np.split(waveform.states(np.r_[mesh, middle]), [N + 1])
-    h = np.diff(mesh)[:, None] / waveform.omega
-    p = np.broadcast_to(waveform.p, (N, len(waveform.p)))
-    given = np.hstack([h, x[:-1], x_middle, x[1:], waveform.lines(middle), p])
-    out, traces = np.empty((N, system.n_states, system.n_states)), np.empty(N)
+def _stepped(waveforms: Waveforms, meshes: list[Array]) -> list[Transitions]:
+    """Return the transition matrix of each interval of each mesh, and the integrals of the trace by Simpson's rule."""
+    system, sizes = waveforms.system, np.array([len(mesh) - 1 for mesh in meshes])
+    one = system.once("variation", lambda: _variation(system, waveforms.model))
+    buffer, run = system.once(("variation", CHUNK), lambda: one.map(CHUNK)).buffer()
+    nodes, whose = np.concatenate(meshes), np.repeat(np.arange(len(meshes)), sizes + 1)
+    inner = whose[1:] == whose[:-1]
+    of, N, h = whose[1:][inner], int(sizes.sum()), np.diff(nodes)[inner]
+    middle, x = nodes[:-1][inner] + 0.5 * h, waveforms.states(nodes, whose)
+    states = x[:-1][inner], waveforms.states(middle, of), x[1:][inner]
+    given = np.hstack([(h / waveforms.omega[of])[:, None], *states, waveforms.lines(middle, of), waveforms.p[of]])
+    given = np.vstack([given, np.repeat(given[-1:], -N % CHUNK, axis=0)])
+    out, traces = np.empty((len(given), system.n_states, system.n_states)), np.empty(len(given))
     # memory is shared with CasADi, whose columns are the rows here; conversion would cost as much as the work
-    buffer.set_arg(0, given.data)
-    buffer.set_res(0, out.data)
-    buffer.set_res(1, traces.data)
-    run()
-    return Transitions(mesh, out.transpose(0, 2, 1), float(traces.sum()))
+    for k in range(0, len(given), CHUNK):
+        chunk = slice(k, k + CHUNK)
+        buffer.set_arg(0, given[chunk].data)
+        buffer.set_res(0, out[chunk].data)
+        buffer.set_res(1, traces[chunk].data)
+        run()
+    begins = np.cumsum(sizes)[:-1]
+    matrices, own = np.split(out[:N].transpose(0, 2, 1), begins), np.bincount(of, traces[:N])
+    return [Transitions(*one) for one in zip(meshes, matrices, own.tolist(), strict=True)]

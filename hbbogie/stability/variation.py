@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,7 +15,7 @@ from hbbogie.model.elements import AttachedLaw
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.solving.newton import Buffered
-from hbbogie.stability.signals import Signals, signals
+from hbbogie.stability.signals import Places, Signals, signals
 
 Array = NDArray[np.float64]
 
@@ -113,88 +114,120 @@ def check_orbit(system: System, orbit: Orbit) -> None:
         raise ModelError(f"the orbit's frequency is {orbit.omega!r} rad/s; it must be a finite number above 0.")
 
 
-class Waveform:
-    """An orbit as the variational equations see it: varying states and contact lines over the phase."""
+class Waveforms:
+    """P orbits as the variational equations see them: varying states and contact lines over the phase.
 
-    def __init__(self, system: System, orbit: Orbit, p: Array):
-        self.system, self.omega, self.H, self.p = system, orbit.omega, orbit.H, p
+    Phases come with the place of the orbit to which each belongs, ``of``: in increasing order, or one for all.
+
+    Parameters
+    ----------
+    system : System
+    orbits : sequence of Orbit
+    p : ndarray, shape (P, number of parameters)
+        The parameter values of each.
+    """
+
+    def __init__(self, system: System, orbits: Sequence[Orbit], p: Array):
+        self.system, self.p = system, p
+        self.omega, self.H = np.array([orbit.omega for orbit in orbits]), max(orbit.H for orbit in orbits)
         self.model = system.once("variational model", lambda: _model(system))
-        second = [i for i, s in enumerate(system.second_order) if s]
-        position, velocity = np.eye(system.n), np.eye(system.n)[second]
-        of_q, of_v = np.vstack([position, 0 * velocity]), np.vstack([0 * position, velocity])
-        self.all_states = signals(orbit, of_q, of_v, np.zeros(system.n_states))
+        P, n, second = len(orbits), system.n, [i for i, s in enumerate(system.second_order) if s]
+        position, velocity = np.eye(n), np.eye(n)[second]
+        states = [np.vstack([position, 0 * velocity]), np.vstack([0 * position, velocity])]
+        of_q, of_v = (np.broadcast_to(x, (P, *x.shape)) for x in states)
+        self.all_states = signals(orbits, of_q, of_v, np.zeros((P, system.n_states)))
         some = self.model.varying
-        self.x = signals(orbit, of_q[some], of_v[some], np.zeros(len(some)))
-        dq, dv, *columns = self.model.laws(p)
-        rest, self.offset, self.stiffness, self.slope, self.threshold, self.height = (c.ravel() for c in columns)
-        self.u = signals(orbit, dq, dv, rest)  # arguments of the contacts
+        self.x = signals(orbits, of_q[:, some], of_v[:, some], np.zeros((P, len(some))))
+        dq, dv, *columns = (np.stack(values) for values in zip(*map(self.model.laws, p), strict=True))
+        rest, self.offset, self.stiffness, *ramps = (c.reshape(P, -1) for c in columns)
+        self.slope, self.threshold, self.height = ramps
+        self.u = signals(orbits, dq, dv, rest)  # arguments of the contacts
 
-    def states(self, tau: Array) -> Array:
+    def states(self, tau: Array, of: Places = 0) -> Array:
         """Return the varying states at the phases tau, shape (len(tau), m)."""
-        return np.empty((len(tau), 0)) if self.straight else self.x.at(tau)
+        return np.empty((len(tau), 0)) if self.straight else self.x.at(tau, of=of)
 
     @property
     def straight(self) -> bool:
         """Whether the variational equations have constant coefficients between the switchings."""
         return not len(self.model.varying)
 
-    def depth(self, tau: ArrayLike) -> Array:
+    def depth(self, tau: ArrayLike, of: Places = 0) -> Array:
         """Return how far each ramp is entered at the phases tau, shape (len(tau), number of ramps)."""
-        u = self.u.at(np.atleast_1d(tau))
-        return np.asarray(u[:, self.model.owner] * self.model.direction - self.threshold)
+        u = self.u.at(np.atleast_1d(tau), of=of)
+        return np.asarray(u[:, self.model.owner] * self.model.direction - self.threshold[of])
 
-    def lines_of(self, active: NDArray[np.bool_]) -> Array:
+    def lines_of(self, active: NDArray[np.bool_], of: Places = 0) -> Array:
         """Return slope and intercept of each contact, shape (N, 2 contacts), where the given ramps act."""
-        own = self.model.owner[:, None] == np.arange(len(self.offset))
-        rise = self.model.direction * (self.height - self.slope * self.threshold)
-        lines = [self.stiffness + (active * self.slope) @ own, self.offset + (active * rise) @ own]
+        own = self.model.owner[:, None] == np.arange(self.offset.shape[1])
+        slope = self.slope[of]
+        rise = self.model.direction * (self.height[of] - slope * self.threshold[of])
+        lines = [self.stiffness[of] + (active * slope) @ own, self.offset[of] + (active * rise) @ own]
         return np.stack(lines, axis=-1).reshape(len(active), -1)
 
-    def lines(self, tau: Array) -> Array:
+    def lines(self, tau: Array, of: Places = 0) -> Array:
         """Return slope and intercept of each contact at the phases tau, shape (len(tau), 2 contacts)."""
-        if not len(self.offset):
+        if not self.offset.size:
             return np.empty((len(tau), 0))
-        return self.lines_of(self.depth(tau) > 0)
+        return self.lines_of(self.depth(tau, of) > 0, of)
 
     @property
     def levels(self) -> tuple[NDArray[np.int_], Array]:
-        """Contact and value of its argument, wherever a contact changes its line; each pair once."""
-        pairs = np.unique(np.column_stack([self.model.owner, self.model.direction * self.threshold]), axis=0)
-        return pairs[:, 0].astype(int), pairs[:, 1]
+        """Contacts, shape (K,), and values of their arguments, shape (P, K), at which they change their lines."""
+        pairs = np.unique(np.vstack([self.model.owner, self.model.direction * self.threshold]), axis=1)
+        return pairs[0].astype(int), pairs[1:]
 
-    def switchings(self, end: float = 2 * np.pi) -> Array:
-        """Return the phases from 0 to end at which a contact changes its line, increasing, rad."""
-        if not len(self.offset):
-            return np.empty(0)
-        grid, on_grid, slope = self.u.on_grid(self.H, end)
-        # u is monotone between turning points: with these on the grid, no short contact is missed
-        k, column = np.nonzero(slope[:-1] * slope[1:] < 0)
-        turning = _roots(self.u, 1, column, np.zeros(len(k)), grid[k], grid[k + 1])
-        nodes = np.r_[grid, turning]
-        order = np.argsort(nodes)
-        nodes, u = nodes[order], np.vstack([on_grid, self.u.at(turning)])[order]
+    def switchings(self, end: float = 2 * np.pi) -> tuple[Array, NDArray[np.int_]]:
+        """Return the phases from 0 to end at which a contact changes its line, rad, and whose; both increasing."""
+        if not self.offset.size:
+            return np.empty(0), np.empty(0, dtype=int)
+        grid, u, slope = self.u.on_grid(self.H, end)
         contact, level = self.levels
-        above = u[:, contact] >= level
-        k, which = np.nonzero(above[:-1] != above[1:])
-        found = _roots(self.u, 0, contact[which], level[which], nodes[k], nodes[k + 1])
-        return np.unique(found)
+        turns = slope[:, :-1] * slope[:, 1:] < 0
+        above = u[:, :, contact] >= level[:, None]
+        # u is monotone in cells without a turning point; the others are divided there, so that no contact is missed
+        of, k, which = np.nonzero((above[:, :-1] != above[:, 1:]) & ~turns[:, :, contact])
+        cells = [(of, which, grid[k], grid[k + 1])]
+        of, k, column = np.nonzero(turns)
+        top = _roots(self.u, 1, of, column, np.zeros(len(k)), grid[k], grid[k + 1])
+        beyond = self.u.with_slope(top, column, 0, of)[0][:, None] >= level[of]
+        for side, low, high in ((k, grid[k], top), (k + 1, top, grid[k + 1])):
+            i, which = np.nonzero((above[of, side] != beyond) & (contact == column[:, None]))
+            cells.append((of[i], which, low[i], high[i]))
+        of, which, low, high = (np.concatenate(values) for values in zip(*cells, strict=True))
+        order = np.argsort(of, kind="stable")
+        of, which, low, high = of[order], which[order], low[order], high[order]
+        found = _roots(self.u, 0, of, contact[which], level[of, which], low, high)
+        order = np.lexsort((found, of))
+        found, of = found[order], of[order]
+        once = np.append(True, (np.diff(found) != 0) | (np.diff(of) != 0))[: len(found)]
+        return found[once], of[once]
 
-    def phases(self, end: float) -> Array:
-        """Return 0, the switchings between 0 and end, and end, in increasing order, rad."""
-        switchings = self.switchings(end)
-        ends = np.r_[0.0, switchings[switchings < end - 1e-12], end]
-        return ends[np.r_[True, np.diff(ends) > 1e-12]]
+    def phases(self, end: float) -> tuple[Array, NDArray[np.int_]]:
+        """Return 0, the switchings between 0 and end, and end, rad, of one orbit after the other, and whose."""
+        switchings, of = self.switchings(end)
+        inside, every = switchings < end - 1e-12, np.arange(len(self.omega))
+        ends = np.concatenate([0.0 * every, switchings[inside], end + 0.0 * every])
+        of = np.concatenate([every, of[inside], every])
+        order = np.lexsort((ends, of))
+        ends, of = ends[order], of[order]
+        kept = np.append(True, (np.diff(ends) > 1e-12) | (np.diff(of) != 0))
+        return ends[kept], of[kept]
 
 
-def _roots(u: Signals, order: int, column: NDArray[np.int_], level: Array, low: Array, high: Array) -> Array:
+def _roots(
+    u: Signals, order: int, of: NDArray[np.int_], column: NDArray[np.int_], level: Array, low: Array, high: Array
+) -> Array:
     """Return where signals, or their derivatives, meet their levels between low and high (safeguarded Newton)."""
+    if not len(of):
+        return np.empty(0)
     # check both ends, since the level may be met exactly at one of them
-    (first, _), (last, _) = (u.with_slope(end, column, order) for end in (low, high))
+    (first, _), (last, _) = (u.with_slope(end, column, order, of) for end in (low, high))
     falling = first > last
     share = np.divide(first - level, first - last, out=np.full_like(level, 0.5), where=first != last)
     tau = low + np.clip(share, 0.01, 0.99) * (high - low)
     for _ in range(60):
-        value, slope = u.with_slope(tau, column, order)
+        value, slope = u.with_slope(tau, column, order, of)
         f = value - level
         before = (f > 0) == falling
         low, high = np.where(before, tau, low), np.where(before, high, tau)

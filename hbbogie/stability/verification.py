@@ -19,7 +19,7 @@ from hbbogie.stability.jumps import Passages, passages_along, passages_of
 from hbbogie.stability.multipliers import Motion, judge
 from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, NewtonStep, Path, Pattern, Shooting, states_at
 from hbbogie.stability.transitions import product
-from hbbogie.stability.variation import Waveform, check_orbit
+from hbbogie.stability.variation import Waveforms, check_orbit
 
 Array = NDArray[np.float64]
 
@@ -118,8 +118,8 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     try:
         shooting, path, step = _closed(system, orbit, tolerance)
     except ConvergenceError as error:
-        waveform = Waveform(system, orbit, system.vector(**orbit.parameters))
-        _check_passing(passages_along(waveform, np.append(waveform.switchings(), 2 * np.pi)), orbit, error)
+        waveforms = Waveforms(system, [orbit], system.vector(**orbit.parameters)[None])
+        _check_passing(passages_along(waveforms, np.append(waveforms.switchings()[0], 2 * np.pi)), orbit, error)
         raise
     passages = passages_of(shooting, path)
     _check_passing(passages, orbit)
@@ -189,20 +189,21 @@ def defect(system: System, orbit: Orbit) -> float:
     return float((r.max(axis=1) / np.where(size > 0, size, 1.0)).max())
 
 
-def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
-    """Return the order of contacts along a waveform, and which ramps are active, shape (S, number of ramps)."""
-    owner, levels = waveform.model.owner, waveform.model.direction * waveform.threshold
-    pairs = list(zip(*waveform.levels, strict=True))
+def pattern_of(waveforms: Waveforms) -> tuple[Pattern, NDArray[np.bool_]]:
+    """Return the order of contacts along an orbit, and which ramps are active, shape (S, number of ramps)."""
+    owner, levels = waveforms.model.owner, waveforms.model.direction * waveforms.threshold[0]
+    contacts, values = waveforms.levels
+    pairs = list(zip(contacts, values[0], strict=True))
     events: list[tuple[float, int, float]] = []
-    for tau in waveform.switchings():
+    for tau in waveforms.switchings()[0]:
         if events and tau - events[-1][0] < EITHER_SIDE:
             continue  # simultaneous contacts are all found at the first of them
-        before, after = waveform.u.at(tau + EITHER_SIDE * np.array([-1.0, 1.0]))
+        before, after = waveforms.u.at(tau + EITHER_SIDE * np.array([-1.0, 1.0]))
         events += [(tau, int(i), g) for i, g in pairs if (before[i] < g) != (after[i] < g)]
     starts = np.array([e[0] for e in events] or [0.0])
     lengths = np.diff(np.append(starts, starts[0] + 2 * np.pi))
     S, first = len(starts), int(np.argmax(lengths))
-    state = waveform.depth(starts[first] + lengths[first] / 2)[0] > 0
+    state = waveforms.depth(starts[first] + lengths[first] / 2)[0] > 0
     active = np.tile(state, (S, 1))
     for k in range(first + 1, first + 1 + len(events)):  # once round, back to the beginning
         _, i, g = events[k % S]
@@ -211,23 +212,23 @@ def pattern_of(waveform: Waveform) -> tuple[Pattern, NDArray[np.bool_]]:
             active[k % S] = state
     if (state != active[first]).any():
         raise ConvergenceError(
-            f"system {waveform.system.name!r}: the contacts along the orbit do not close (one lasts less than "
+            f"system {waveforms.system.name!r}: the contacts along the orbit do not close (one lasts less than "
             f"{EITHER_SIDE:g} rad, or grazes); take more harmonics."
         )
     contact, level = np.array([e[1] for e in events], dtype=int), np.array([e[2] for e in events])
-    return Pattern(starts, lengths, contact, level, waveform.lines_of(active)), active
+    return Pattern(starts, lengths, contact, level, waveforms.lines_of(active)), active
 
 
 def _closed(system: System, orbit: Orbit, tolerance: float) -> tuple[Shooting, Path, NewtonStep]:
     """Return the closed motion with an order of contacts that agrees with it."""
     guess, p = orbit, system.vector(**orbit.parameters)
     for _ in range(ATTEMPTS):
-        waveform = Waveform(system, guess, p)
-        pattern, active = pattern_of(waveform)
+        waveforms = Waveforms(system, [guess], p[None])
+        pattern, active = pattern_of(waveforms)
         shooting = Shooting(system, guess, pattern)
         path, step = shooting.close(tolerance)
         backwards = float(-(path.durations / path.durations.sum()).min())  # contacts in the wrong order
-        wrong = max(_missed(shooting, waveform, active, path, step), backwards)
+        wrong = max(_missed(shooting, waveforms, active, path, step), backwards)
         if wrong <= max(1e-9, 10 * tolerance):
             return shooting, path, step
         c = _coefficients(shooting, path, step, 0.0, HARMONICS[0])
@@ -246,9 +247,9 @@ def _dense(shooting: Shooting, path: Path, step: NewtonStep) -> tuple[Array, Arr
     return sigma, x.reshape(N, len(sigma), -1)
 
 
-def _missed(shooting: Shooting, waveform: Waveform, active: NDArray[np.bool_], path: Path, step: NewtonStep) -> float:
+def _missed(shooting: Shooting, waveforms: Waveforms, active: NDArray[np.bool_], path: Path, step: NewtonStep) -> float:
     """Return how far a contact is on the wrong side of a level inside an element, relative to its range."""
-    owner, direction, threshold = waveform.model.owner, waveform.model.direction, waveform.threshold
+    owner, direction, threshold = waveforms.model.owner, waveforms.model.direction, waveforms.threshold[0]
     if not len(owner):
         return 0.0
     sigma, x = _dense(shooting, path, step)

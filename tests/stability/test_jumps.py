@@ -11,7 +11,7 @@ import hbbogie as hb
 from hbbogie import fourier
 from hbbogie.errors import ModelError
 from hbbogie.results import ConvergenceError
-from hbbogie.stability import Waveform, hill, passages_of
+from hbbogie.stability import Waveforms, hill, passages_of
 from hbbogie.stability.verification import _closed
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
@@ -202,7 +202,7 @@ class TestRelay:
         """SOLVER: wherever the time origin is, at a jump too, whole and half a period give the same multipliers."""
         system, (_, peak, _) = relay(0.1, 1.0), relay_cycle(0.1, 1.0)
         orbit = hb.solve(hb.HarmonicBalance(7).equations(system), wave(system, peak))
-        at_jump = Waveform(system, orbit, system.vector()).switchings()[0]
+        at_jump = Waveforms(system, [orbit], system.vector()[None]).switchings()[0][0]
         expected = hb.floquet(system, orbit, steps=4096).multipliers
         for angle in (at_jump, at_jump + np.pi, at_jump + 3e-10, at_jump - 3e-10, 0.3, 2.0):
             moved = orbit.replace(coefficients=fourier.shift(orbit.coefficients, angle))
