@@ -29,7 +29,9 @@ CLOSE = 1e-10  # change of the parameter up to which a fold is met, relative to 
 
 NEAR = 0.1  # relative distance in frequency up to which another fold is the same
 SLACK = 1e-3  # share of a distance from the exact fold by which its bound is larger
-REST = 2.0  # bound in units of what twice the harmonics change: right where they leave no more than half of the error
+REST = 2.0  # bound in units of what more harmonics change: right where they leave no more than half of the error
+COARSE = 9  # harmonics, at most, from which on the changes of the value are compared
+SETTLED = 400.0  # ratio of successive changes beyond which the last one may be small by chance
 ROUND_OFF = 1e-10  # share of the value that no comparison can tell
 NONE = float("inf"), f"{NOT_RESOLVED}: neither more harmonics nor another method lead to this fold"
 
@@ -38,8 +40,8 @@ def with_error(system: System, critical: Critical, harmonics: int) -> Critical:
     """Return a fold with a bound of the error that the harmonics left out make in its value.
 
     Where the system is linear between switchings that is the distance from the fold in closed form. Elsewhere the
-    fold is located with twice the harmonics, and the bound is twice the change; where that leads to no such fold, by
-    collocation. A fold that neither of them has is not resolved.
+    fold is located with twice the harmonics, and the bound is twice the change, see `bound_by_harmonics`; where that
+    leads to no such fold, by collocation. A fold that neither of them has is not resolved.
 
     Parameters
     ----------
@@ -51,10 +53,9 @@ def with_error(system: System, critical: Critical, harmonics: int) -> Critical:
     """
     if time_is_over():
         return replace(critical, error=float("inf"), status=f"{critical.status}; its error was not bounded in time")
-    finer = 2 * harmonics + 1
     error, said = (
         _from_exact(system, critical)
-        or bound_from(HarmonicBalance(finer).equations(system), critical, REST, f"{finer} harmonics lead")
+        or bound_by_harmonics(system, critical, harmonics)
         or bound_from(Collocation().equations(system), critical, 1 + SLACK, "collocation leads")
         or NONE
     )
@@ -75,6 +76,33 @@ def _from_exact(system: System, critical: Critical) -> tuple[float, str] | None:
     return (1 + SLACK) * abs(critical.value - exact.value), f"the fold in closed form lies at {exact.value:.12g}"
 
 
+def bound_by_harmonics(system: System, critical: Critical, harmonics: int) -> tuple[float, str] | None:
+    """Return twice what twice the harmonics change in a fold and what leads to it, None where they have no such fold.
+
+    Where that is very little beside the change from half of the harmonics, or these have no such fold, two errors may
+    be alike by chance: then the larger of the changes by twice and by three times the harmonics counts.
+
+    Parameters
+    ----------
+    system : System
+    critical : Critical
+        A fold.
+    harmonics : int
+        With which it was found.
+    """
+
+    def change(H: int, share: float = REST) -> tuple[float, str] | None:
+        return bound_from(HarmonicBalance(H).equations(system), critical, share, f"{H} harmonics lead")
+
+    found = change(2 * harmonics + 1)
+    if found is None:
+        return None
+    coarse = change(min(COARSE, (harmonics + 1) // 2), 1.0)
+    if coarse is not None and found[0] >= coarse[0] / SETTLED:
+        return found
+    return max(found, change(3 * harmonics + 2) or found)
+
+
 def bound_from(
     equations: Equations | CollocationEquations, critical: Critical, share: float, what: str
 ) -> tuple[float, str] | None:
@@ -82,22 +110,18 @@ def bound_from(
     if time_is_over():
         return None
     try:
-        finer = (
-            fold_value(equations, critical.orbit, critical.parameter)
-            if isinstance(equations, Equations)
-            else _fold_on_mesh(equations, critical)
-        )
+        finer = None
+        if isinstance(equations, Equations):
+            finer = fold_value(equations, critical.orbit, critical.parameter)
+        value, omega, extremum = finer or _fold_of(equations, critical)
     except FAILURES:
         return None
-    if finer is None:
-        return None
-    value, omega, extremum = finer
     if extremum != critical.extremum or abs(omega / critical.omega - 1) > NEAR:
         return None
     return share * abs(critical.value - value), f"{what} to {value:.12g}"
 
 
-def _fold_on_mesh(equations: CollocationEquations, critical: Critical) -> tuple[float, float, str]:
+def _fold_of(equations: Equations | CollocationEquations, critical: Critical) -> tuple[float, float, str]:
     found = fold(equations, critical.orbit, critical.parameter, search=False)
     return found.value, found.omega, found.extremum
 

@@ -23,7 +23,6 @@ ITERATIONS = 14
 TOLERANCE = 1e-10  # largest scaled residual of a fold's conditions before the last correction
 FINAL = 1e-9  # size of the last correction; the remaining error is of the order of its square
 CHANGES = 6  # largest number of corrections of a sequence
-SMALLEST = 1 / 16  # shortest step towards a design, as a share of the way, before the search gives up
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,37 +81,9 @@ class Nominal:
         y[:, -1] = self.start.y[-1] * np.exp(y[:, -1] / self.start.y[-1] - 1.0)
         return {d: replace(self.start, y=y[d]) for d in range(len(p))}
 
-    def between(self, p: Array, share: float) -> Array:
-        """Return the parameters at a share of the way to a design, interpolated in logarithms where these exist."""
-        usable = p * self.p > 0
-        mixed = np.exp(share * np.log(np.where(usable, p, 1.0) / np.where(usable, self.p, 1.0)))
-        return np.where(usable, self.p * mixed, self.p + share * (p - self.p))
-
-
-def folds_near(nominal: Nominal, p: Array) -> tuple[dict[int, Fold], dict[int, Fold]]:
-    """Return the folds found directly from the nominal one and those found in steps, by the number of the design.
-
-    Parameters
-    ----------
-    nominal : Nominal
-    p : ndarray, shape (D, number of parameters)
-    """
-    straight = solve(nominal, p, nominal.starts(p))
-    done = {d: (0.0, 0.5, nominal.start) for d in range(len(p)) if d not in straight}
-    by_steps: dict[int, Fold] = {}
-    while done:
-        share = {d: min(reached + stride, 1.0) for d, (reached, stride, _) in done.items()}
-        q = np.empty_like(p)
-        for d in done:
-            q[d] = nominal.between(p[d], share[d])
-        found = solve(nominal, q, {d: replace(start, changes=0) for d, (_, _, start) in done.items()})
-        by_steps |= {d: fold for d, fold in found.items() if share[d] == 1.0}
-        ahead = {
-            d: (share[d], 1.5 * stride, found[d].start) if d in found else (reached, stride / 2, start)
-            for d, (reached, stride, start) in done.items()
-        }
-        done = {d: a for d, a in ahead.items() if d not in by_steps and a[1] >= SMALLEST}
-    return straight, by_steps
+    def near(self, p: Array) -> dict[int, Fold]:
+        """Return the folds of designs that Newton's method reaches from this one, by the number of the design."""
+        return solve(self, p, self.starts(p))
 
 
 def solve(nominal: Nominal, p: Array, starts: dict[int, Start]) -> dict[int, Fold]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
-from hbbogie.exact.batch import CHUNK, Fold, Nominal, Start, folds_near, solve
+from hbbogie.exact.batch import CHUNK, Fold, Nominal, Start, solve
+from hbbogie.exact.carrying import Branches
 from hbbogie.exact.folding import null_vectors
 from hbbogie.exact.hopf import HopfPoints, hopf_of
 from hbbogie.exact.model import SwitchedLinear
@@ -24,6 +25,12 @@ from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
 _Answer = tuple[Fold | None, str, bool, bool]  # the fold, what was found, whether that failed, whether it is complete
+_Above = tuple[list[Walk], tuple[float, float]]  # branches that run above the first Hopf point, and over which window
+NEAREST = 16  # designs that are tried to answer from one whose branches were followed
+CARRIED = (
+    "no fold: the branch runs above its Hopf point to its end as that of a design beside it, at all of whose cycles it "
+    "was solved for, and the branches of other Hopf points begin as there; they were not followed by themselves"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,28 +112,41 @@ class NominalDesign:
         p[:, place] = self.start.value
         model, sides = self.start.closing.model, self.start.closing.sequence.states[0]
         hopf = _hopfs(model, p, place, sides, low)
-        straight, stepped = folds_near(self.fold, p) if self.fold else ({}, {})
-        answers: list[_Answer] = []
-        lost: list[int] = []
-        for d in range(len(p)):
-            fold = straight.get(d) or stepped.get(d)
-            if fold is not None and hopf.first[d] and low <= fold.value < hopf.value[d]:
-                how = "from the nominal fold" if d in straight else "in steps from the nominal fold"
-                answers.append((fold, f"fold found {how}, the branch not followed", False, False))
-            else:
-                at, answer = _followed(self.system, self.parameter, p[d], self.interval)
-                answers.append(answer)
-                if at is None:
-                    hopf.value[d], hopf.first[d] = np.nan, False
-                else:
-                    p[d, place] = at
-                    lost.append(d)
+        near = self.fold.near(p) if self.fold else {}
+        answers: dict[int, _Answer] = {
+            d: (fold, "fold found from the nominal fold, the branch not followed", False, False)
+            for d, fold in near.items()
+            if hopf.first[d] and low <= fold.value < hopf.value[d]
+        }
+        lost = self._followed(p, hopf, answers)
         if lost:  # the Hopf points of the search there
             again = _hopfs(model, p[lost], place, sides, low)
             for field in fields(HopfPoints):
                 getattr(hopf, field.name)[lost] = getattr(again, field.name)
-        given, status, failed, complete = zip(*answers, strict=True) if answers else ((), (), (), ())
+        rows = [answers[d] for d in range(len(p))]
+        given, status, failed, complete = zip(*rows, strict=True) if rows else ((), (), (), ())
         return CriticalValues(given, hopf, status, np.array(failed, dtype=bool), np.array(complete, dtype=bool))
+
+    def _followed(self, p: Array, hopf: HopfPoints, answers: dict[int, _Answer]) -> list[int]:
+        """Answer the other designs, one by following its branches, those like it together; return those followed.
+
+        Their values of the parameter are set to those of their first Hopf points.
+        """
+        place, waiting, lost = self.start.closing.place, [d for d in range(len(p)) if d not in answers], list[int]()
+        while waiting:
+            d = waiting.pop(0)
+            at, answers[d], source = _followed(self.system, self.parameter, p[d], self.interval)
+            if at is None:
+                hopf.value[d], hopf.first[d] = np.nan, False
+            else:
+                p[d, place] = at
+                lost.append(d)
+            like = _nearest(p, d, [i for i in waiting if hopf.first[i]])
+            if source and like:
+                found = _like(source, p[like], hopf.value[like], self.interval[0])
+                answers |= {like[k]: answer for k, answer in found.items()}
+                waiting = [i for i in waiting if i not in answers]
+        return lost
 
 
 def nominal_design(system: System, parameter: str, interval: tuple[float, float]) -> NominalDesign:
@@ -159,8 +179,9 @@ def _below(walk: Walk, value: float) -> list[Point]:
 def critical_values(system: System, points: Array, parameter: str, interval: tuple[float, float]) -> CriticalValues:
     """Find the first Hopf point and the fold below it of many designs, each with its gradient.
 
-    The folds are solved for together, starting from that of a nominal design. Where this fails, designs are approached
-    in steps. Where this fails as well, the branches of the design are followed from all its Hopf points.
+    The folds are solved for together, starting from that of a nominal design. Where this fails, the branches of a
+    design are followed from all its Hopf points. What is found there leads to the answers for designs beside it: the
+    fold is a start for theirs; branches without a fold are carried over, see `Branches`.
 
     Parameters
     ----------
@@ -188,8 +209,29 @@ def _hopfs(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float
     return HopfPoints(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(HopfPoints)))
 
 
-def _followed(system: System, parameter: str, p: Array, interval: tuple[float, float]) -> tuple[float | None, _Answer]:
-    """Follow the branches of one design from all Hopf points; return the value of the first, None where there is none.
+def _nearest(p: Array, d: int, others: list[int]) -> list[int]:
+    """Return the designs nearest to one of them, relative to its parameters."""
+    far = np.abs(p[others] - p[d]) / np.where(p[d] == 0, 1.0, np.abs(p[d]))
+    return [others[k] for k in np.argsort((far**2).sum(axis=1), kind="stable")[:NEAREST]]
+
+
+def _like(source: Nominal | _Above, p: Array, hopf: Array, low: float) -> dict[int, _Answer]:
+    """Return the answers for designs that are like one whose branches were followed, by their numbers."""
+    if isinstance(source, Nominal):
+        said = "fold found from that of another design, the branch not followed"
+        return {d: (fold, said, False, False) for d, fold in source.near(p).items() if low <= fold.value < hopf[d]}
+    branches = Branches(*source)
+    above = branches.above(p, hopf) if branches.usable else np.zeros(len(p), dtype=bool)
+    return {int(d): (None, CARRIED, False, False) for d in np.flatnonzero(above)}
+
+
+def _followed(
+    system: System, parameter: str, p: Array, interval: tuple[float, float]
+) -> tuple[float | None, _Answer, Nominal | _Above | None]:
+    """Follow the branches of one design from all Hopf points.
+
+    Return the value of the first, None where there is none; the answer; and from what that for others may follow: the
+    fold, or the branches where none of them goes below that value and all were followed to their ends.
 
     As in `critical_speeds`, Hopf points beyond the ends of the interval count, since their branches may lead into it.
     """
@@ -198,7 +240,7 @@ def _followed(system: System, parameter: str, p: Array, interval: tuple[float, f
     wide = widened(one, parameter, interval)
     hopfs = hopf_points(one, parameter, wide)
     first = next((hopf.value for hopf in hopfs if low <= hopf.value <= high), None)
-    below: list[Point] = []
+    below, walks = list[Point](), list[Walk]()
     said = [] if first is not None else [f"there is no Hopf point from {low:g} to {high:g}"]
     lost = list(hopfs.undecided)
     for hopf in hopfs:
@@ -209,6 +251,7 @@ def _followed(system: System, parameter: str, p: Array, interval: tuple[float, f
         except ConvergenceError as error:
             lost.append(f"{name} could not be begun: {error}")
             continue
+        walks.append(walk)
         below += [q for q in _below(walk, high if first is None else first) if q.value >= low]
         slope = "falls" if start.direction < 0 else "rises"
         said.append(f"at its grazing {name} {slope}, {len(walk.points)} points followed; {walk.end}")
@@ -218,11 +261,14 @@ def _followed(system: System, parameter: str, p: Array, interval: tuple[float, f
     fold = min(below, key=lambda q: q.value, default=None)
     found = "fold found by following" if fold else "it is not known whether there is a fold" if lost else "no fold"
     text = f"{found}: {'; '.join([*said, *lost])}"
-    return first, (_fold_at(fold) if fold else None, text, bool(lost) and not fold, not lost)
+    if fold:
+        nominal = Nominal(fold)
+        return first, (_fold_at(fold, nominal), text, False, not lost), nominal
+    high_up = first is not None and not lost and min(q.value for walk in walks for q in walk.points[1:]) > first
+    return first, (None, text, bool(lost), not lost), (walks, wide) if high_up else None
 
 
-def _fold_at(point: Point) -> Fold:
-    nominal = Nominal(point)
+def _fold_at(point: Point, nominal: Nominal) -> Fold:
     return Fold(point.closing, nominal.start, point.value, point.omega, nominal.gradient)
 
 

@@ -56,7 +56,7 @@ def hopf_of(model: SwitchedLinear, p: Array, place: int, sides: Array, low: floa
         Lower end of the values checked.
     """
     p, B, n = p.copy(), len(p), model.N - 1
-    every, sides = np.arange(B), np.broadcast_to(sides, (len(p), len(sides)))
+    every, rest, sides = np.arange(B), sides, np.broadcast_to(sides, (len(p), len(sides)))
     value, mode = np.full(B, np.nan), np.full((B, n), np.nan, dtype=complex)
     omega, weights = np.full(B, np.nan), np.zeros((B, n, n))
     for _ in range(ITERATIONS):
@@ -92,7 +92,23 @@ def hopf_of(model: SwitchedLinear, p: Array, place: int, sides: Array, low: floa
         rows_ = np.zeros((len(full), len(model.surfaces), n + 1))
         slopes = model.pulled_back(sides[: len(full)], p[found], full, rows_)
         gradient[found] = -slopes / slopes[:, [place]]
-    return HopfPoints(value, omega, gradient, found & _stable_below(model, p, place, sides, low, found), mode)
+    return HopfPoints(value, omega, gradient, found & _stable_below(model, p, place, rest, low, found), mode)
+
+
+def unstable_at(model: SwitchedLinear, p: Array, place: int, sides: Array, values: Array) -> NDArray[np.int_]:
+    """Return how many eigenvalues of the equilibrium are not stable at some values, shape (B, number of values).
+
+    Parameters
+    ----------
+    model, p, place, sides
+        As for `hopf_of`.
+    values : ndarray, shape (B, number of values), unit of the parameter
+    """
+    M, n = values.shape[1], model.N - 1
+    q = np.repeat(p, M, axis=0)
+    q[:, place] = values.ravel()
+    A = model.matrices(np.broadcast_to(sides, (len(q), len(sides))), q)[0][:, :n, :n]
+    return np.asarray((np.linalg.eigvals(A).real >= 0).sum(axis=1).reshape(values.shape))
 
 
 def _stable_below(
@@ -100,10 +116,6 @@ def _stable_below(
 ) -> NDArray[np.bool_]:
     """Return whether all eigenvalues have negative real parts at some values between the lower end and each point."""
     shares = (np.arange(BELOW) + 0.5) / BELOW
-    stable, n = np.zeros(len(p), dtype=bool), model.N - 1
-    q = np.repeat(p[found], BELOW, axis=0)
-    q[:, place] = low + (q[:, place] - low) * np.tile(shares, int(found.sum()))
-    A = model.matrices(np.repeat(sides[: int(found.sum())], BELOW, axis=0), q)[0][:, :n, :n]
-    largest = np.linalg.eigvals(A).real.max(axis=1).reshape(-1, BELOW)
-    stable[found] = (largest < 0).all(axis=1)
+    stable, value = np.zeros(len(p), dtype=bool), p[found, place, None]
+    stable[found] = (unstable_at(model, p[found], place, sides, low + (value - low) * shares) == 0).all(axis=1)
     return stable

@@ -105,8 +105,8 @@ def test_what_is_said_to_be_complete_was_followed(bogie):
 def test_a_design_that_is_lost_in_closed_form_is_done_by_itself(bogie, monkeypatch):
     """SOLVER: as if all branches had been lost; the answer is that of the search for one design."""
     lost = "it is not known whether there is a fold"
-    monkeypatch.setattr("hbbogie.exact.critical._followed", lambda *args: (None, (None, lost, True, False)))
-    monkeypatch.setattr("hbbogie.exact.critical.folds_near", lambda nominal, p: ({}, {}))
+    monkeypatch.setattr("hbbogie.exact.critical._followed", lambda *args: (None, (None, lost, True, False), None))
+    monkeypatch.setattr("hbbogie.exact.batch.Nominal.near", lambda nominal, p: {})
     found = critical_speeds_of(bogie, {"lam": [0.05, 0.06]}, interval=SPAN)
     assert not found.failed.any() and found.complete.all() and all(s.startswith(lost) for s in found.status)
     for d, lam in enumerate((0.05, 0.06)):
@@ -115,3 +115,25 @@ def test_a_design_that_is_lost_in_closed_form_is_done_by_itself(bogie, monkeypat
         assert found.hopf[d] == pytest.approx(hopf.value, rel=1e-10)
         assert found.fold_gradient["K2"][d] == pytest.approx(fold.gradient["K2"], rel=1e-9)
         assert found.hopf_gradient["K2"][d] == pytest.approx(hopf.gradient["K2"], rel=1e-9)
+
+
+def test_designs_without_a_fold_are_answered_from_one_that_was_followed(bogie):
+    """Two independent ways: what is said of designs together is what their branches, each followed, show."""
+    lam, low = np.linspace(0.145, 0.155, 6), (10.0, 250.0)
+    found = critical_speeds_of(bogie, {"lam": lam}, interval=low)
+    carried = ["followed by themselves" in said for said in found.status]
+    assert sum(carried) >= 4 and not found.failed.any() and np.isnan(found.fold).all()
+    d = carried.index(True)
+    alone = hb.critical_speeds(bogie, "V", low, lam=float(lam[d]))
+    assert alone[0].kind == "hopf" and alone.complete
+    assert found.critical[d] == pytest.approx(alone[0].value, rel=1e-9) and not found.complete[d]
+
+
+def test_the_lower_of_two_folds_of_one_branch(bogie):
+    """Two ways: the branch of this design turns three times below its Hopf point, and its second minimum is lower."""
+    values = {"Mw": 638.198, "Mf": 1984.543, "K1": 3868958.84, "K2": 12815522.67, "K4": 201761.098, "K6": 3163005.567}
+    values |= {"D2": 32766.5567, "lam": 0.0282226322, "f11": 5234380.6676}
+    found = critical_speeds_of(bogie, {name: [value] for name, value in values.items()}, interval=(10.0, 250.0))
+    lowest = hb.critical_speeds(bogie, "V", (150.0, 250.0), **values)[0]
+    assert lowest.value == pytest.approx(174.2866, abs=1e-3)
+    assert found.fold[0] == pytest.approx(lowest.value, rel=1e-9)
