@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from hbbogie import HarmonicBalance, System, critical_speeds, critical_speeds_of, load_problem, sweep
-from hbbogie.critical.harmonic_error import REST, bound_from
+from hbbogie.branches.fold_error import REST, bound_from
 from hbbogie.errors import ModelError
 from hbbogie.exact.critical import fold_near
 from hbbogie.results import Critical

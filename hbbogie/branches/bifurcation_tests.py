@@ -12,7 +12,9 @@ from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.branches.judging import stability_of
 from hbbogie.deadline import time_is_over
 from hbbogie.results import Orbit
+from hbbogie.results.failure import FAILURES
 from hbbogie.solving.curve import Point
+from hbbogie.stability.multipliers import floquet
 from hbbogie.stability.variation import Waveform
 
 Complex = NDArray[np.complex128]
@@ -33,11 +35,14 @@ class Probe:
     point : Point
     judge : bool
         Whether multipliers are computed.
+    polish : bool
+        Whether those of the cycle polished by shooting are taken where its own are not trusted.
     """
 
     curve: CycleCurve
     point: Point
     judge: bool
+    polish: bool = True
 
     @cached_property
     def cycle(self) -> Orbit:
@@ -49,7 +54,13 @@ class Probe:
         """The cycle, with its stability where it is to be judged and can be, as long as there is time."""
         if not self.judge or time_is_over():
             return self.cycle
-        return self.cycle.replace(stability=stability_of(self.curve.equations.system, self.cycle))
+        system = self.curve.equations.system
+        if self.polish:
+            return self.cycle.replace(stability=stability_of(system, self.cycle))
+        try:
+            return self.cycle.replace(stability=floquet(system, self.cycle))
+        except FAILURES:
+            return self.cycle
 
     @property
     def value_error(self) -> float:
