@@ -162,6 +162,14 @@ class TestBranch:
         assert "homoclinic" in str(lower)
         assert all(o.verdict != "unstable" for o in branch)
 
+    def test_harmonics_end_there_too(self, pendulum, running):
+        """Below there are no rotations, and none are given."""
+        branch = hb.trace(hb.HarmonicBalance(15).equations(pendulum), running, "M", (0.01, 1.5), stability=False)
+        value = brentq(lambda M: arrival(M, 0.2, 0.0), 0.24, 0.27, xtol=1e-12)
+        (lower,) = [end for end in branch.ends if end.kind == "homoclinic"]
+        assert branch.values.min() == pytest.approx(value, abs=1e-5)
+        assert "phi = " in str(lower) and lower.complete
+
     def test_fold_is_that_of_the_map_of_a_turn(self):
         """Rotations of a junction with a conductance that depends on the phase turn back where the map is tangent."""
         phi, M = Coordinate("phi", "rad", turn=TURN), Parameter("M", 0.8)

@@ -35,11 +35,14 @@ class _Judged:
     points : sequence of Point
     judge : bool
         Whether multipliers are computed.
+    polish : bool
+        Whether those of the cycle polished by shooting are taken where its own are not trusted.
     """
 
     curve: CycleCurve
     points: Sequence[Point]
     judge: bool
+    polish: bool = True
 
     @cached_property
     def cycles(self) -> list[Orbit]:
@@ -51,7 +54,7 @@ class _Judged:
         """The cycles, with their stability where they are to be judged and can be, as long as there is time."""
         if not self.judge or time_is_over():
             return self.cycles
-        found = stabilities_of(self.curve.equations.system, self.cycles)
+        found = stabilities_of(self.curve.equations.system, self.cycles, self.polish)
         return [cycle.replace(stability=stability) for cycle, stability in zip(self.cycles, found, strict=True)]
 
     @cached_property
@@ -98,6 +101,11 @@ class Probe:
     def judge(self) -> bool:
         """Whether multipliers are computed."""
         return self.among.judge
+
+    @property
+    def polish(self) -> bool:
+        """Whether the multipliers of the polished cycle are taken where its own are not trusted."""
+        return self.among.polish
 
     @property
     def point(self) -> Point:
@@ -155,7 +163,7 @@ class Probe:
         return (kind == "branching" and self.point.orientation) or self.value(kind)
 
 
-def probes_of(curve: CycleCurve, points: Sequence[Point], judge: bool) -> list[Probe]:
+def probes_of(curve: CycleCurve, points: Sequence[Point], judge: bool, polish: bool = True) -> list[Probe]:
     """Return the probes of points; what is asked of one is computed for all of them together."""
-    among = _Judged(curve, points, judge)
+    among = _Judged(curve, points, judge, polish)
     return [Probe(among, k) for k in range(len(points))]

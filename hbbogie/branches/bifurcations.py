@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.bifurcation_tests import TRUSTED, Kind, Probe, probes_of
 from hbbogie.branches.cycle_curve import VERTICAL, CycleCurve
-from hbbogie.branches.multiplier_points import Located, with_multipliers
-from hbbogie.branches.resolution import doubt_at_fold
+from hbbogie.branches.fold_error import doubt_on_branch
+from hbbogie.branches.multiplier_points import Located, at_minus_one, with_multipliers
 from hbbogie.branches.switching import crossing
-from hbbogie.results import Orbit, SpecialPoint
-from hbbogie.solving.arclength import distance, located
+from hbbogie.methods.equations import Equations
+from hbbogie.methods.level import within_level
+from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.solving.arclength import distance, located, point_at
 from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
@@ -25,6 +28,7 @@ SAME = 1e-6  # length of arc within which contacts happen together, and a point 
 FORK = 1e-3  # length of arc within which two points at which branches cross are one
 TOUCHING = 1e-6  # distance of a contact from its gap, relative to its motion, that counts as none
 FLAT = "; the parameter varies too little along the branch for a smaller interval"
+BETWEEN = 1e-10  # largest scaled residual of a point between those of a branch
 ZERO = 1e-2  # where a test function is located it has fallen by this much, else it jumps
 
 
@@ -50,8 +54,13 @@ def special_points(
         In the order of the curve.
     """
     probes = probes_of(curve, points, judge)
-    arcs: list[float] = np.cumsum([0.0, *(distance(curve, a, b) for a, b in pairwise(points))]).tolist()
-    found = _changes(curve, probes, arcs, known)
+    arcs = _arcs(curve, points)
+    kinds: list[Kind] = ["fold"]
+    if curve.vertical(points):
+        kinds = ["branching"]
+    elif judge:
+        kinds += ["branching", *probes[0].contacts]
+    found = _changes(curve, probes, arcs, kinds, known)
     if judge:
         found = _forks_once(with_multipliers(curve, probes, arcs, found, known)) + _touching(curve, probes)
     own = {id(probe.orbit) for probe in probes}
@@ -59,6 +68,42 @@ def special_points(
     orbits = sorted([*zip(arcs, (probe.orbit for probe in probes), strict=True), *between], key=lambda o: o[0])
     special = sorted([*((arcs[i], _at(s, probes[i])) for i, s in known.items()), *found], key=lambda f: f[0])
     return [orbit for _, orbit in orbits], tuple(s for _, s in special)
+
+
+def forks_of(equations: Equations, branch: Branch, interval: tuple[float, float]) -> list[SpecialPoint]:
+    """Locate where other branches begin or cross along a branch of harmonic balance.
+
+    The multipliers are those of its cycles as they are. Where these are not resolved nothing is looked for.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the branch.
+    branch : Branch
+    interval : (float, float), unit of the parameter
+        Over which it was followed.
+    """
+    first = branch.orbits[0]
+    equations = within_level(equations.phased(first), first)
+    p = equations.system.vector(**first.parameters)
+    curve = CycleCurve(equations, branch.parameter, interval, p, BETWEEN)
+    u = np.array([np.append(equations.encode(o), o.parameters[branch.parameter]) for o in branch.orbits])
+    if len(u) < 3 or curve.steady(u[:, -1]):
+        return []
+    points = []
+    for here, chord in zip(u, np.gradient(u / curve.scale, axis=0), strict=True):
+        with suppress(np.linalg.LinAlgError):  # exactly where another branch crosses
+            points.append(point_at(curve, here, chord))
+    probes, arcs = probes_of(curve, points, True, polish=False), _arcs(curve, points)
+    found = _changes(curve, probes, arcs, ["branching"], {})
+    found = [f for f in found if f[1].orbit.stability and f[1].orbit.stability.trivial_error <= TRUSTED]
+    return [special for _, special in _forks_once(found + at_minus_one(curve, probes, arcs))]
+
+
+def _arcs(curve: CycleCurve, points: list[Point]) -> list[float]:
+    """Return the length of arc of each point."""
+    arcs: list[float] = np.cumsum([0.0, *(distance(curve, a, b) for a, b in pairwise(points))]).tolist()
+    return arcs
 
 
 def _at(known: SpecialPoint, probe: Probe) -> SpecialPoint:
@@ -80,17 +125,16 @@ def _touching(curve: CycleCurve, probes: list[Probe]) -> list[Located]:
 
 
 def _changes(
-    curve: CycleCurve, probes: list[Probe], arcs: list[float], known: Mapping[int, SpecialPoint]
+    curve: CycleCurve,
+    probes: list[Probe],
+    arcs: list[float],
+    kinds: Sequence[Kind],
+    known: Mapping[int, SpecialPoint],
 ) -> list[Located]:
     """Return where test functions change their sign, with the length of arc.
 
     Next to the special point at which the curve begins no further branch is looked for.
     """
-    kinds: list[Kind] = ["fold"]
-    if curve.vertical([probe.point for probe in probes]):
-        kinds = ["branching"]
-    elif probes[0].judge:
-        kinds += ["branching", *probes[0].contacts]
     found: list[Located] = []
     contacts: list[_Contact] = []
     for kind in kinds:
@@ -196,7 +240,7 @@ def _located(
 
     def test(point: Point) -> float:
         if id(point) not in probes_at:
-            (probes_at[id(point)],) = probes_of(curve, [point], a.judge)
+            (probes_at[id(point)],) = probes_of(curve, [point], a.judge, a.polish)
         return probes_at[id(point)].value(kind)
 
     found = located(curve, a.point, b.point, test)
@@ -238,13 +282,13 @@ def _special(
         breaks = orbit.is_odd(NEARLY_ODD) and not onward.is_odd(NEARLY_ODD)
         name, what = ("pitchfork", "the symmetry breaks") if breaks else ("branch point", "another branch crosses")
         status = f"{what}; smallest singular value {abs(at.value(kind)):.1e} where located"
-    if kind == "fold" and (doubt := doubt_at_fold(curve.equations.system, at.cycle)):
-        status += f"; {doubt}"
     s = orbit.stability
     if s is not None and kind != "fold" and s.trivial_error > TRUSTED:
         status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
     interval = value - reach, value + reach
-    return SpecialPoint(name, curve.parameter, value, interval, orbit, status, onward, extremum=extremum)
+    found = SpecialPoint(name, curve.parameter, value, interval, at.cycle, status, onward, extremum=extremum)
+    doubt = doubt_on_branch(curve.equations.system, found) if kind == "fold" else ""
+    return replace(found, orbit=orbit, status=f"{status}; {doubt}" if doubt else status)
 
 
 def _grazing(curve: CycleCurve, contacts: list[_Contact]) -> SpecialPoint:

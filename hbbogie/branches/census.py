@@ -7,13 +7,14 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.decaying import decays
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings
 from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, signature
-from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
+from hbbogie.branches.starts import Equilibrium, equilibria_at, equilibrium_near, sizes, starts_of
 from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -24,10 +25,15 @@ from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
 from hbbogie.motion.energy import alone
 from hbbogie.results import Orbit, SpecialPoint
+from hbbogie.results.failure import FAILURES
 
 Array = NDArray[np.float64]
 FEW_FAILURES, MOST_FAILURES = 2, 6  # recurrences that shooting does not close near by, with and without a cycle found
 MOST_FOLLOWED = 6  # branches through cycles that motions have found
+MOST_SWITCHED = 6  # branches that begin at special points of others
+LEAST_STATES = 3  # of a system whose cycles lose their symmetry or double their period
+SAME = 1e-3  # distance of cycles, and of values relative to the interval, up to which special points are one
+ZERO = 1e-12  # share of the interval up to which a value of the parameter is zero
 SOLVED = ("exact", "collocation")  # methods whose cycles need no polish
 
 
@@ -62,6 +68,10 @@ class Census:
         self.undecided = {False: 0, True: 0}  # motions, by whether backwards in time
         self.walker, self.polishing = Walker(system, parameter, self.span), Polishing(system, parameter)
         self.open: list[str] = []  # what was not followed to its end
+        self.walked: list[
+            tuple[Walked, str]
+        ] = []  # branches, with their names, whose special points were not looked at
+        self.forks: list[SpecialPoint] = []  # at which other branches begin or cross
         self.evidence: list[str] = list(self.branches.evidence)
         at = f"at {parameter} = {self.value:.6g}"
         self.evidence += [f"{at}: {e.text(system.coordinate_names)}" for e in self.equilibria]
@@ -81,12 +91,22 @@ class Census:
 
     def follow_cycles(self) -> None:
         """Follow the branches of cycles that lie on none followed yet, and consider what each cycle lets expect."""
-        beside = followed = 0
+        beside = followed = switched = 0
         while not time_is_over():
             if beside < len(self.found):
                 orbit, beside = self.found[beside], beside + 1
                 for what, guess in relatives(self.system, orbit):
                     self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
+            elif self.walked:
+                self._look_for_forks(*self.walked.pop(0))
+            elif switched < len(self.forks):
+                fork, switched = self.forks[switched], switched + 1
+                value = fork.value if abs(fork.value) > ZERO * (self.span[1] - self.span[0]) else 0.0
+                name = f"the branch from the {fork.kind} at {self.parameter} = {value:.9g}"
+                if switched > MOST_SWITCHED:
+                    self._leave(f"{name} was not followed: {MOST_SWITCHED} others were")
+                else:
+                    self._take(self.walker.beyond(fork, name), name)
             elif (k := next((i for i, known in enumerate(self.on_branch) if not known), None)) is None:
                 return
             else:
@@ -100,6 +120,19 @@ class Census:
                     followed += 1
                     self._take(self.walker.through(self.found[k], name), name)
 
+    def _look_for_forks(self, walked: Walked, name: str) -> None:
+        """Take note of the special points of a branch at which others begin or cross, each once."""
+        try:
+            found = walked.forks()
+        except FAILURES as error:
+            self._leave(f"{name} was not searched for others that begin there: {str(error).partition(chr(10))[0]}")
+            return
+        for fork in found:
+            seen = [fork.orbit, *(guess for what, guess in relatives(self.system, fork.orbit) if what == MIRROR)]
+            near = (o for o in self.forks if abs(o.value - fork.value) <= SAME * (self.span[1] - self.span[0]))
+            if not any(alike(orbit, other.orbit, SAME) for other in near for orbit in seen):
+                self.forks.append(fork)
+
     def _mirrored(self, k: int) -> bool:
         """Tell whether a cycle is the mirror image of one whose branch was followed."""
         guesses = [guess for what, guess in relatives(self.system, self.found[k]) if what == MIRROR]
@@ -111,6 +144,8 @@ class Census:
         self.evidence.append(walked.said)
         if not walked.complete:
             self.open.append(walked.said)
+        if self.system.n_states >= LEAST_STATES:
+            self.walked.append((walked, name))
         for orbit in walked.cycles:
             if _unknown(orbit) or not orbit.method.startswith(SOLVED):
                 self.consider(orbit, name, on_branch=True)
@@ -173,6 +208,8 @@ class Census:
                 return "run on"
             elif met.kind == "unbounded":
                 return "left every bound"
+            elif met.state is not None and self._decays(there, met.state):
+                return "decays to rest as its linear motion does"
         if self.unsettled < MOST_FAILURES:
             if (motion := settled(self.system, x, backwards=sense)) is not None:
                 if on_one_of(motion, self.marks):
@@ -188,6 +225,11 @@ class Census:
         said = f"{which} from {where} has neither settled nor come back to itself"
         self.evidence += [said] if said not in self.evidence else []
         return "undecided"
+
+    def _decays(self, there: System, x: Array) -> bool:
+        """Tell whether a motion, forwards or backwards in time, decays to an equilibrium."""
+        found = (equilibrium_near(there, e.x[: there.n]) for e in self.equilibria)
+        return decays(there, x, [e for e in found if e is not None])
 
     def _sizes(self) -> Array:
         system, p = self.system, self.system.vector()

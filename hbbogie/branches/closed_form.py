@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.branches.criticality import onset
-from hbbogie.exact.bifurcations import TURNS, multiplier_crossings
+from hbbogie.exact.bifurcations import TURNS, Crossing, judged, multiplier_crossings
 from hbbogie.exact.changes import sound
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of, gradients
@@ -84,15 +84,22 @@ def exact_trace(
         there = equations.system.with_parameters(**{parameter: special.value})
         return exact_branch(walk, onset(special, there, [point.value for point in walk.points[:2]]))
     if special is not None and special.onward is not None:
-        walk = _walk_away(equations.system, special, origin, interval, most)
+        walk = exact_walk_beyond(equations.system, replace(special, onward=origin), interval, most)
     else:
         walk = exact_walk_through(equations.system, origin, parameter, interval, most)
     return _branch(walk.points, parameter, (), (walk.beginning, walk.end))
 
 
-def _walk_away(system: System, special: SpecialPoint, onward: Orbit, interval: tuple[float, float], most: int) -> Walk:
-    """Follow the exact cycles of the branch that begins at a special point away from it."""
-    point = exact_cycle(system, onward, special.parameter)
+def exact_walk_beyond(system: System, special: SpecialPoint, interval: tuple[float, float], most: int = MOST) -> Walk:
+    """Follow the exact cycles of the branch that begins at a special point away from it.
+
+    Raises
+    ------
+    ConvergenceError
+        When the first guess beyond the point leads to no cycle of that branch.
+    """
+    assert special.onward is not None  # asked for by the caller
+    point = exact_cycle(system, special.onward, special.parameter)
     _check_left(point, special)
     away = point if point.direction * (point.value - special.value) > 0 else point.turned()
     began = f"began at the {special.kind} at {special.parameter} = {special.value:.9g}"
@@ -188,15 +195,25 @@ def _branch(
         rows.append((float(i), orbit, found))
     verdicts = [o.stability for o in orbits if o.stability is not None]
     for crossing in multiplier_crossings(points, verdicts):
-        orbit = orbit_of(crossing.point)
-        value = crossing.point.value
-        ahead = onward(crossing.point) if crossing.kind in BEGINNING else None
-        guess = None if ahead is None else orbit_of(ahead).replace(method=f"exact, next to a {crossing.kind}")
-        found = SpecialPoint(crossing.kind, parameter, value, crossing.interval, orbit, crossing.status, guess)
-        rows.append((crossing.before + 0.5, orbit, found))
+        found = _special(crossing, parameter)
+        rows.append((crossing.before + 0.5, found.orbit, found))
     rows.sort(key=lambda row: row[0])
     met = tuple(found for _, _, found in rows if found is not None)
     return Branch(tuple(orbit for _, orbit, _ in rows), parameter, (*special, *met), ends)
+
+
+def _special(crossing: Crossing, parameter: str) -> SpecialPoint:
+    """Return where multipliers cross the unit circle, with a first cycle of the branch that begins there."""
+    ahead = onward(crossing.point) if crossing.kind in BEGINNING else None
+    guess = None if ahead is None else orbit_of(ahead).replace(method=f"exact, next to a {crossing.kind}")
+    value, orbit = crossing.point.value, orbit_of(crossing.point)
+    return SpecialPoint(crossing.kind, parameter, value, crossing.interval, orbit, crossing.status, guess)
+
+
+def exact_forks(walk: Walk, parameter: str) -> list[SpecialPoint]:
+    """Return the special points of a walk at which other branches begin or cross."""
+    met = multiplier_crossings(walk.points, [judged(point) for point in walk.points])
+    return [_special(crossing, parameter) for crossing in met if crossing.kind in (*BEGINNING, "branch point")]
 
 
 def _turns_up(points: list[Point], i: int) -> bool:

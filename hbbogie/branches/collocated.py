@@ -129,6 +129,12 @@ def _special(found: Special, system: System, parameter: str) -> SpecialPoint:
     return SpecialPoint(kind, parameter, found.value, interval, orbit, status, guess, extremum=found.extremum)
 
 
+def collocated_forks(followed: Followed, system: System) -> list[SpecialPoint]:
+    """Return the special points of a branch at which other branches begin or cross."""
+    parameter = next(followed.points())[0].parameter
+    return [_special(s, system, parameter) for s in followed.special(("branch point", "period doubling"))]
+
+
 def collocated_fold(equations: CollocationEquations, guess: Orbit | SpecialPoint, parameter: str) -> Critical:
     """Return the fold nearest to a guess, with its gradient by the adjoint; parameters and errors as of `fold`."""
     system = equations.system

@@ -122,7 +122,10 @@ def trace(
         raise ModelError("trace: the equations are those of equilibria (harmonics 0); ask for at least one harmonic.")
     special = start if isinstance(start, SpecialPoint) else None
     origin = start.orbit if isinstance(start, SpecialPoint) else start
-    equations = within_level(equations.phased(origin), origin)
+    moving = origin  # what moves in harmonic 1 sets the phase
+    if special is not None and special.kind == "period doubling" and special.onward is not None:
+        moving = special.onward
+    equations = within_level(equations.phased(moving), origin)
     from_hopf = special is not None and special.kind == "hopf"
     begins = special is not None and (from_hopf or special.onward is not None)
     p = equations.system.vector()

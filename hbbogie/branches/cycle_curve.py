@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.branches.homoclinic import homoclinic_ending
 from hbbogie.methods.equations import Equations
@@ -68,8 +68,11 @@ class CycleCurve:
 
     def vertical(self, points: Sequence[Point]) -> bool:
         """Tell whether all points have one value of the parameter: a family, as of a conservative system."""
-        values = [float(point.u[-1]) for point in points]
-        return len(points) > 1 and max(values) - min(values) <= VERTICAL * self.scale[-1]
+        return self.steady([float(point.u[-1]) for point in points])
+
+    def steady(self, values: ArrayLike) -> bool:
+        """Tell whether values of the parameter are one."""
+        return np.size(values) > 1 and bool(np.ptp(values) <= VERTICAL * self.scale[-1])
 
     def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
         """Return why the branch ends before a point: it is a family, or a bound is met."""

@@ -7,6 +7,7 @@ import numpy as np
 from hbbogie import fourier
 from hbbogie.equilibria.resting import at_rest, resting_place
 from hbbogie.model.system import System
+from hbbogie.model.turns import turns_of
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
 
@@ -28,8 +29,7 @@ def homoclinic_ending(system: System, orbit: Orbit, where: str) -> Ending | None
         The value of the parameter, for people.
     """
     tau = fourier.phases(16 * (orbit.H + 1))
-    q = fourier.synthesis(orbit.H, tau) @ orbit.coefficients
-    v = orbit.omega * fourier.synthesis(orbit.H, tau, 1) @ orbit.coefficients
+    q, v = orbit.at(tau), orbit.omega * orbit.at(tau, 1)
     states = np.hstack([q, v[:, list(system.second_order)]])
     size = np.ptp(states, axis=0)
     size = np.maximum(size, 1e-9 * size.max())
@@ -37,8 +37,13 @@ def homoclinic_ending(system: System, orbit: Orbit, where: str) -> Ending | None
         x = resting_place(system, states, system.vector(**orbit.parameters), size)
     if x is None:
         return None
-    far = np.abs((states - x) / size).max(axis=1)
-    other = np.abs((states + x) / size).max(axis=1) if fourier.is_odd(orbit.coefficients) else far
+    off = states - x
+    if orbit.advance:  # an angle rests there a turn further, too
+        turns = np.append(turns_of(system.dynamics), np.zeros(system.n_states - system.n))
+        off -= turns * np.round(off / np.where(turns, turns, np.inf))
+    far = np.abs(off / size).max(axis=1)
+    odd = not orbit.advance and fourier.is_odd(orbit.coefficients)
+    other = np.abs((states + x) / size).max(axis=1) if odd else far
     if far.min() > (HITS if orbit.tail < UNRESOLVED else MEETS) or (np.minimum(far, other) <= NEAR).mean() < RESTING:
         return None
     kind = "heteroclinic" if other is not far and np.abs(x / size).max() > NEAR else "homoclinic"

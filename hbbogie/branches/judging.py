@@ -60,15 +60,18 @@ def stability_of(system: System, orbit: Orbit) -> Stability | None:
     return stabilities_of(system, [orbit])[0]
 
 
-def stabilities_of(system: System, orbits: Sequence[Orbit]) -> list[Stability | None]:
-    """Return what `stability_of` does of each of some orbits, judged together; None also where time is over."""
+def stabilities_of(system: System, orbits: Sequence[Orbit], polish: bool = True) -> list[Stability | None]:
+    """Return what `stability_of` does of each of some orbits, judged together; None also where time is over.
+
+    Without polish, cycles are judged as they are.
+    """
     found: list[Stability | None] = []
     most = max(1, TOGETHER // system.n_states**2)
     for k in range(0, len(orbits), most):
         some = orbits[k : k + most]
         first = [None for _ in some] if time_is_over() else _judged_together(system, some)
         for orbit, stability in zip(some, first, strict=True):
-            if stability is not None and not clear(stability) and not time_is_over():
+            if polish and stability is not None and not clear(stability) and not time_is_over():
                 stability = polished_stability(system, orbit) or stability
             found.append(stability)
     return found

@@ -54,12 +54,15 @@ class Recurrence:
     after : float, s
     turns : tuple of (str, float)
         Of a running motion: the angle that grows or falls by a turn, and in which time [s].
+    state : ndarray, shape (n_states,), or None
+        Of an undecided motion: the last one.
     """
 
     kind: str
     orbit: Orbit | None
     after: float
     turns: tuple[str, float] = ("", 0.0)
+    state: Array | None = None
 
 
 def sample_distance(eigenvalues: NDArray[np.complex128]) -> float:
@@ -187,7 +190,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
             yield Recurrence("cycle", orbit, elapsed)
         if back > CHUNK // 4:
             h *= 2
-    yield Recurrence("undecided", orbit, elapsed)
+    yield Recurrence("undecided", orbit, elapsed, state=x)
 
 
 def _blows_up(system: System, x: Array, p: Array, h: float, size: Array) -> bool:

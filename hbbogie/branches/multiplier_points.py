@@ -81,6 +81,23 @@ def with_multipliers(
     return [*found, *((arc, special) for arc, special, _ in points), *away]
 
 
+def at_minus_one(curve: CycleCurve, probes: list[Probe], arcs: list[float]) -> list[Located]:
+    """Return where a real multiplier passes -1, of half a period or of a whole one: pitchforks and period doublings."""
+    found: list[Located] = []
+    for crossing in crossings_of(probes):
+        step = crossing.step()
+        if step is None or not all(np.pi - abs(log.imag) <= REAL for log in step[2:]):
+            continue
+        if (where := _located(curve, probes, crossing)) is None:
+            continue
+        place, at, log, reach = where
+        arc = arcs[place] + distance(curve, probes[place].point, at.point)
+        special = _special(curve, at, log, reach)
+        if special is not None and not any(abs(arc - other) <= SAME for other, _ in found):
+            found.append((arc, special))
+    return found
+
+
 def _widened(point: SpecialPoint, value: float) -> SpecialPoint:
     """Return a point of the equations with an interval that holds the value at which the multiplier passes 1."""
     status = f"{point.status}; the cycles are not resolved there: the multiplier passes 1 at {value:.6g}"
@@ -121,7 +138,7 @@ def _located(curve: CycleCurve, probes: list[Probe], crossing: Crossing) -> tupl
 
     def test(point: Point) -> float:
         if id(point) not in probes_at:
-            (probes_at[id(point)],) = probes_of(curve, [point], a.judge)
+            (probes_at[id(point)],) = probes_of(curve, [point], a.judge, a.polish)
         return followed(reference, log, probes_at[id(point)]).real
 
     found = located(curve, a.point, b.point, test)

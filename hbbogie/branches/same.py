@@ -18,6 +18,7 @@ BLOCKS = 6  # numbers of a signature for each coordinate
 SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
 AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
 ABSENT = 1e-6  # share of a coordinate's largest harmonic up to which another one is not there
+ROUND_OFF = 1e-13  # the same relative to the size of the coordinate, which may rest
 ON_EDGE = 1e-6  # share of a turn by which half a turn and half a turn back are told from one another
 RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and distance of the extremes of others
 
@@ -72,8 +73,8 @@ def of_prime_period(orbit: Orbit, turns: ArrayLike = ()) -> Orbit:
     if not orbit.kept:  # solved for as a cycle of that period
         return orbit
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
-    size = np.maximum(waves.max(axis=0), 1e-12 * waves.max(initial=0.0))
-    present = 1 + np.flatnonzero((waves > ABSENT * size).any(axis=1))
+    least = ROUND_OFF * np.maximum(np.abs(orbit.coefficients).max(axis=0), 1e-2 * waves.max(initial=0.0))
+    present = 1 + np.flatnonzero((waves > np.maximum(ABSENT * waves.max(axis=0), least)).any(axis=1))
     times = int(np.gcd.reduce(present)) if len(present) else 0
     if orbit.advance:  # each part of a period has its whole turns
         whole = np.divide(orbit.advance, turns, out=np.zeros(len(orbit.advance)), where=np.array(turns) != 0)

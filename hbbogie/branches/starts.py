@@ -53,13 +53,14 @@ def equilibria_at(system: System, branches: Equilibria, value: float) -> list[Eq
             a, b = branch.orbits[i], branch.orbits[i + 1]
             share = (value - V[i]) / (V[i + 1] - V[i]) if V[i + 1] != V[i] else 0.0
             q = (1 - share) * a.coefficients[0] + share * b.coefficients[0]
-            at = _equilibrium(system, q)
+            at = equilibrium_near(system, q)
             if at is not None and not any(np.allclose(at.x, e.x, rtol=1e-7, atol=1e-10) for e in found):
                 found.append(at)
     return found
 
 
-def _equilibrium(system: System, q: Array) -> Equilibrium | None:
+def equilibrium_near(system: System, q: Array) -> Equilibrium | None:
+    """Return the equilibrium to which Newton's method leads from coordinates at rest; None where to none."""
     x, p = np.append(q, np.zeros(system.n_states - system.n)), system.vector()
     try:
         for _ in range(NEWTON):

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from hbbogie.branches.closed_form import exact_crossings, exact_walk, exact_walk_through
-from hbbogie.branches.collocated import branch_of, followed_from
+from hbbogie.branches.bifurcations import forks_of
+from hbbogie.branches.closed_form import (
+    exact_crossings,
+    exact_forks,
+    exact_walk,
+    exact_walk_beyond,
+    exact_walk_through,
+)
+from hbbogie.branches.collocated import branch_of, collocated_forks, followed_from
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import complete, crossings, extent, from_hopf
 from hbbogie.branches.same import alike, once_each, samples
@@ -25,10 +33,14 @@ from hbbogie.solving.solvers import solve
 
 COARSE, FINER = 15, 31  # highest harmonics with which branches are followed
 MOST = 120  # points of a branch from a cycle, to either side
+MOST_HARMONICS = 63  # with which a branch of several times the period is followed
+FOLLOWED: dict[str, Any] = {"families": False, "stability": False, "max_points": MOST}
 UNRESOLVED = 1e-2  # share of the highest harmonics, or of those left out, beyond which cycles are not resolved
 MOST_TURNS = 3  # of a cycle that is followed by collocation: chaotic motions lead to ever longer ones
 MOST_COLLOCATED = 60  # the same by collocation
+RESTS = 1e-9  # size of a motion, relative to the largest coordinate, that is round-off
 LIKE = 0.05  # distance up to which a cycle of the branch is the one from which it was followed
+CROSSED = 1e-6  # share of the interval up to which a special point is the one where a branch began
 SAME = 1e-8  # share of the interval up to which values of the parameter are one
 BESIDE = 0.01  # share of the interval beside cycles that are not resolved in which others are looked for
 
@@ -45,11 +57,14 @@ class Walked:
         Whether it was followed to its ends.
     cycles : list of Orbit
         Those at the value asked for: candidates that are yet to be polished, unless they are exact.
+    forks : callable
+        Gives the special points at which other branches begin or cross, each with a first guess beyond if there is one.
     """
 
     said: str
     complete: bool
     cycles: list[Orbit]
+    forks: Callable[[], list[SpecialPoint]] = list
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +98,12 @@ class Walker:
         for k, branch in enumerate(branches):
             before = [] if k else _before(equations, hopf, branch.orbits[0], self.value)
             leaving = f"{name}, left where another one crosses it," if k else name
-            yield self._balanced(equations, branch, leaving, before)
+            walked = self._balanced(equations, branch, leaving, before)
+            yield replace(walked, forks=partial(self._away_from, hopf, walked.forks)) if k else walked
+
+    def _away_from(self, start: SpecialPoint, forks: Callable[[], list[SpecialPoint]]) -> list[SpecialPoint]:
+        """Return special points but those at the value of the one where the branch began."""
+        return [fork for fork in forks() if abs(fork.value - start.value) > CROSSED * (self.span[1] - self.span[0])]
 
     def through(self, orbit: Orbit, name: str) -> Walked:
         """Follow the branch of a cycle at the value, in both directions; tell where it does not lead through that."""
@@ -107,6 +127,30 @@ class Walker:
                 break
         return best or Walked(f"{name} was not followed: {why}", False, [])
 
+    def beyond(self, fork: SpecialPoint, name: str) -> Walked:
+        """Follow the branch that begins at a special point, or crosses there."""
+        ahead = fork.onward
+        try:
+            if ahead is None:
+                raise ConvergenceError("no first cycle beyond it is known")
+            if (turns := _turns(ahead)) > MOST_TURNS:
+                raise ConvergenceError(f"its cycles go round {turns} times in a period")
+            if ahead.method.startswith("exact"):
+                walked = self._exact(exact_walk_beyond(self.system, fork, self.span), name)
+                if walked is None:
+                    raise ConvergenceError(f"{self.parameter} does not vary along it")
+                return walked
+            if ahead.method.startswith("collocation"):
+                return self._collocated(fork, name)
+            if ahead.H > MOST_HARMONICS:
+                raise ConvergenceError(f"its cycles take more than {MOST_HARMONICS} harmonics")
+            equations = HarmonicBalance(ahead.H, odd=None if ahead.is_odd() else False).equations(self.system)
+            branch = trace(equations, fork, self.parameter, self.span, **FOLLOWED)
+            walked = self._balanced(equations, branch, name, [])
+            return replace(walked, forks=partial(self._away_from, fork, walked.forks))
+        except FAILURES as error:
+            return Walked(f"{name} was not followed: {str(error).partition(chr(10))[0]}", False, [])
+
     def _exact(self, walk: Walk, name: str) -> Walked | None:
         """Return an exact branch; None where the parameter does not vary along it."""
         values = [point.value for point in walk.points]
@@ -116,7 +160,8 @@ class Walker:
         lost = walk.marked("not located") + walk.marked("fold not located")
         said = extent(name, values, (walk.beginning, walk.end), "in closed form")
         whole = not lost and walk.end.complete and walk.beginning.complete
-        return Walked(said, whole, [orbit for _, orbit in exact_crossings(walk, self.value)])
+        cycles = [orbit for _, orbit in exact_crossings(walk, self.value)]
+        return Walked(said, whole, cycles, lambda: exact_forks(walk, self.parameter))
 
     def _through_exact(self, orbit: Orbit, name: str) -> Walked | None:
         return self._exact(exact_walk_through(self.system, orbit, self.parameter, self.span), name)
@@ -126,9 +171,8 @@ class Walker:
             if _beyond(orbit, H) > UNRESOLVED:
                 return None
             equations = HarmonicBalance(H).equations(self.system)
-            options: dict[str, Any] = {"families": False, "stability": False, "max_points": MOST}
             start = solve(equations, orbit, method="newton")  # where that fails more harmonics do, or collocation
-            return self._balanced(equations, trace(equations, start, self.parameter, self.span, **options), name, [])
+            return self._balanced(equations, trace(equations, start, self.parameter, self.span, **FOLLOWED), name, [])
 
         return attempt
 
@@ -136,7 +180,7 @@ class Walker:
         """Return a branch of harmonic balance; where its cycles are not resolved they are those of collocation."""
         cycles = once_each([*cycles, *crossings(equations, branch, self.value)])
         said, whole = extent(name, branch.values, branch.ends), complete(branch)
-        room = BESIDE * (self.span[1] - self.span[0])
+        room, others = BESIDE * (self.span[1] - self.span[0]), list[Walked]()
         for orbits in (branch.orbits, branch.orbits[::-1]):
             k = next((i for i, o in enumerate(orbits) if o.tail <= UNRESOLVED), 0)
             values = [o.parameters[self.parameter] for o in orbits[: k + 1]]
@@ -144,24 +188,31 @@ class Walker:
             if not k or not part[0] <= self.value <= part[1]:
                 continue
             try:
-                cycles += replace(self, span=part)._collocated(orbits[k], name).cycles
+                others.append(replace(self, span=part)._collocated(orbits[k], name))
             except FAILURES:
                 said, whole = f"{said}; its cycles near {self.parameter} = {values[0]:.6g} are not resolved", False
-        return Walked(said, whole, cycles)
+        cycles += [cycle for other in others for cycle in other.cycles]
 
-    def _collocated(self, orbit: Orbit, name: str) -> Walked:
-        if (turns := _turns(orbit)) > MOST_TURNS:
+        def found() -> list[SpecialPoint]:
+            return [*forks_of(equations, branch, self.span), *(fork for other in others for fork in other.forks())]
+
+        return Walked(said, whole, cycles, found)
+
+    def _collocated(self, start: Orbit | SpecialPoint, name: str) -> Walked:
+        if isinstance(start, Orbit) and (turns := _turns(start)) > MOST_TURNS:
             raise ConvergenceError(f"it goes round {turns} times in a period, in which there may be many more like it")
         equations = Collocation().equations(self.system)
-        followed = followed_from(equations, orbit, self.parameter, self.span, max_points=MOST_COLLOCATED)
-        branch = branch_of(followed, self.system, orbit, stability=False)
+        followed = followed_from(equations, start, self.parameter, self.span, max_points=MOST_COLLOCATED)
+        branch = branch_of(followed, self.system, start, stability=False)
         cycles = [cycle.orbit() for _, cycle in followed.crossings(self.value)]
-        return Walked(extent(f"{name}, by collocation,", branch.values, branch.ends), complete(branch), cycles)
+        said = extent(f"{name}, by collocation,", branch.values, branch.ends)
+        return Walked(said, complete(branch), cycles, lambda: collocated_forks(followed, self.system))
 
 
 def _turns(orbit: Orbit) -> int:
     """Return how many times a period some coordinate rises through its mean."""
-    above = samples(orbit) > orbit.coefficients[0]
+    q = samples(orbit)
+    above = q > orbit.coefficients[0] + RESTS * np.abs(q).max()
     return int((above & ~np.roll(above, 1, axis=0)).sum(axis=0).max())
 
 

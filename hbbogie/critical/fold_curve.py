@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.resolution import doubt_at_fold
+from hbbogie.branches.fold_error import doubt_on_branch
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
-from hbbogie.results import Orbit
+from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.arclength import correct
@@ -96,7 +96,10 @@ class FoldCurve:
 
     def doubt(self, point: Point) -> str:
         """Return why the cycle at a point is not resolved; empty where it is."""
-        return doubt_at_fold(self.equations.system, self.problem.orbit(point.u[: self.m + 2], "a fold"))
+        orbit, name = self.orbit(point), self.names[0]
+        value = orbit.parameters[name]
+        special = SpecialPoint("fold", name, value, (value, value), orbit, "", extremum=self.state(point).extremum)
+        return doubt_on_branch(self.equations.system.with_parameters(**orbit.parameters), special)
 
     def settle(self, u: Array) -> None:
         """Normalise the null vector by its value here."""

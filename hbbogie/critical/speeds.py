@@ -11,11 +11,11 @@ from hbbogie.branches.closed_form import exact_branch, exact_critical, exact_wal
 from hbbogie.branches.collocated import collocated_critical, followed_from
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import complete, extent, from_hopf
+from hbbogie.branches.fold_error import with_error
 from hbbogie.branches.resolution import doubt_at_fold
 from hbbogie.collocation.method import Collocation
 from hbbogie.critical.folds import fold
 from hbbogie.critical.groups import cycles_of_groups
-from hbbogie.critical.harmonic_error import with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start

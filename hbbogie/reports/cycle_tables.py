@@ -10,6 +10,7 @@ import numpy as np
 from hbbogie.errors import ModelError
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch, Orbit, SpecialPoint
+from hbbogie.results.orbit import NOT_RESOLVED
 from hbbogie.results.signal import BAND, NUMBERS
 from hbbogie.units import label
 
@@ -94,7 +95,8 @@ def special_table(
     for s in points:
         # the orbit kept at a Hopf point shows the mode, not an amplitude
         peak = None if s.kind == "hopf" else s.orbit.amplitude(coordinate)
-        rows.append((s.kind, s.value, s.omega, s.orbit.frequency, peak))
+        kind = s.kind if s.resolved else f"{s.kind}, {NOT_RESOLVED}"
+        rows.append((kind, s.value, s.omega, s.orbit.frequency, peak))
         notes.append(f"{s.kind} at {parameter} = {s.value:.8g}: {s.status}.")
     return Table("special_points", title, columns, tuple(rows), ("", ".8g", *[".7g"] * 3), tuple(notes))
 

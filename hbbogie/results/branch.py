@@ -80,7 +80,7 @@ class SpecialPoint:
 
     @property
     def resolved(self) -> bool:
-        """Whether nothing speaks against the point: of a fold, that the multipliers of its cycle meet at 1."""
+        """Whether nothing speaks against the point: of a fold multipliers, or, if they do not tell, more harmonics."""
         return NOT_RESOLVED not in self.status
 
     @property
@@ -92,8 +92,10 @@ class SpecialPoint:
     def headline(self) -> str:
         """What it is and where, such as "fold at V = 88.7641 m/s, minimum"."""
         kind = {"hopf": "Hopf point", "": "point"}.get(self.kind, self.kind)
-        more = self.criticality or self.extremum
-        return f"{kind} at {self.orbit.naming.value(self.parameter, self.value, 8)}" + (f", {more}" if more else "")
+        place = f"{kind} at {self.orbit.naming.value(self.parameter, self.value, 8)}"
+        return ", ".join(
+            filter(None, [place, self.criticality or self.extremum, "" if self.resolved else NOT_RESOLVED])
+        )
 
     def __repr__(self) -> str:
         low, high = self.interval

@@ -21,7 +21,37 @@ def predator_prey():
     return hb.System("prey", [n, q], [K], [n.dot - (0.8 * n * (1 - n / K) - g), q.dot - (0.5 * g - 0.4 * q)])
 
 
+def beside_a_slow_focus():
+    """r' = r (r^2 - 0.64)(k - r^2) / 50, and 10 rad/s."""
+    x, y, k = C("x"), C("y"), P("k", 1.0)
+    r2 = x**2 + y**2
+    g = (r2 - 0.64) * (k - r2) / 50
+    return hb.System("focus", [x, y], [k], [x.dot - (x * g - 10 * y), y.dot - (y * g + 10 * x)])
+
+
 class TestWhatIsFound:
+    def test_a_motion_beside_a_barely_stable_focus_decays(self):
+        """Damping 0.0128 at 10 rad/s: circles of radius 0.8, unstable, and 1."""
+        found = hb.find_cycles(beside_a_slow_focus(), k=1.0, backwards=False)
+        assert [o.amplitude("x") for o in found] == pytest.approx([0.8, 1.0], rel=1e-9)
+        assert [o.stability.verdict for o in found] == ["unstable", "stable"]
+        assert found.complete and not any("undecided" in said for said in found.evidence)
+        assert any("decays to rest" in said for said in found.evidence)
+
+    def test_a_motion_beside_a_weak_centre_does_not(self):
+        """x'' + x'^3 + x = 0 decays more slowly than any exponential: no eigenvalue decides."""
+        x, c = C("x"), P("c", 0.01)
+        found = hb.find_cycles(hb.System("cubic", [x], [c], [x.ddot + c * x.dot**3 + x]), c=0.01)
+        assert not found and not any("decays to rest as its linear motion" in said for said in found.evidence)
+
+    def test_a_coordinate_at_rest_does_not_hide_the_period(self):
+        """The circle at a height of 0.94, to which every motion comes: once, not with 5 or 12 of its periods."""
+        x, y, z, k = C("x"), C("y"), C("z"), P("k", 1.0)
+        r2 = x**2 + y**2
+        equations = [x.dot - (x * (1 - r2) - k * y), y.dot - (y * (1 - r2) + k * x), z.dot + z**3 - 0.94**3]
+        found = hb.find_cycles(hb.System("heights", [x, y, z], [k], equations), k=1.0)
+        assert [o.period for o in found] == pytest.approx([2 * np.pi], rel=1e-12)
+
     def test_an_equilibrium_away_from_zero(self):
         (cycle,) = hb.find_cycles(predator_prey(), K=3.0)
         assert cycle.period == pytest.approx(20.3446, rel=1e-5) and cycle.stability.verdict == "stable"

@@ -35,6 +35,25 @@ def test_along_a_branch_with_and_without_stability(canard, stability):
     assert branch.folds() and not any(s.resolved for s in branch.folds())
 
 
+@pytest.mark.parametrize("harmonics", [9, 15])
+def test_slow_modes_do_not_pass_for_the_multipliers_of_a_fold(harmonics):
+    """Two states that follow slowly change no cycle, but have multipliers near 1; 9 and 15 harmonics resolve no fold.
+
+    The one fold of the cycles, by collocation, is at 0.32417852 (see FOLD).
+    """
+    v, w, current = Coordinate("v"), Coordinate("w"), Parameter("I", 0.33)
+    slow, slower = Coordinate("slow"), Coordinate("slower")
+    equations = [v.dot - (v - v**3 / 3 - w + current), w.dot - 0.08 * (v + 0.7 - 0.8 * w)]
+    system = System("canard", [v, w, slow, slower], [current], [*equations, slow.dot - 2e-3 * (v - slow),
+                                                               slower.dot - 1e-3 * (w - slower)])  # fmt: skip
+    (hopf,) = hb.hopf_points(system, "I", (0.0, 0.4))
+    options = {"stability": False, "max_points": 60}
+    branch = hb.trace(HarmonicBalance(harmonics).equations(system), hopf, "I", (0.31, 0.34), **options)
+    assert any(abs(s.value - FOLD) > 1e-5 for s in branch.folds())
+    assert all(abs(s.value - FOLD) < 1e-5 for s in branch.folds() if s.resolved)
+    assert any("not resolved" in line for line in repr(branch).splitlines())
+
+
 def test_a_chart_says_so(canard):
     found = chart(canard, "I", "eps", (0.079, 0.081), span=(0.32, 0.34), harmonics=9)
     assert any("not resolved" in note for note in found.notes)

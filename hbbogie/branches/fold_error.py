@@ -1,4 +1,4 @@
-"""How far the harmonics left out may move a fold."""
+"""How far the harmonics left out may move a fold, and whether it is there at all."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.collocated import collocated_fold
 from hbbogie.branches.cycle_curve import CycleCurve
+from hbbogie.branches.resolution import meeting
 from hbbogie.collocation.method import Collocation, CollocationEquations
-from hbbogie.critical.folds import fold
 from hbbogie.deadline import time_is_over
 from hbbogie.exact.critical import fold_near
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
-from hbbogie.results import Orbit
+from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.critical import Critical
 from hbbogie.results.failure import FAILURES
 from hbbogie.results.orbit import NOT_RESOLVED
@@ -33,6 +34,7 @@ REST = 2.0  # bound in units of what more harmonics change: right where they lea
 COARSE = 9  # harmonics, at most, from which on the changes of the value are compared
 SETTLED = 400.0  # ratio of successive changes beyond which the last one may be small by chance
 ROUND_OFF = 1e-10  # share of the value that no comparison can tell
+FINE = 1e-6  # share of the highest harmonics up to which others change nothing
 NONE = float("inf"), f"{NOT_RESOLVED}: neither more harmonics nor another method lead to this fold"
 
 
@@ -61,6 +63,20 @@ def with_error(system: System, critical: Critical, harmonics: int) -> Critical:
     )
     error += ROUND_OFF * abs(critical.value)
     return replace(critical, error=error, status=f"{critical.status}; {said}")
+
+
+def doubt_on_branch(system: System, special: SpecialPoint) -> str:
+    """Return why a fold along a branch of harmonic balance may be none, the end of a sentence; empty where it is one.
+
+    Where its multipliers do not tell, and the highest harmonics are of some size, twice the harmonics must lead to it.
+    """
+    doubt, sure = meeting(system, special.orbit)
+    if doubt or sure or special.orbit.tail <= FINE or time_is_over():
+        return doubt
+    finer = 2 * special.orbit.H + 1
+    if bound_from(HarmonicBalance(finer).equations(system), special, REST, ""):
+        return ""
+    return f"{NOT_RESOLVED}: {finer} harmonics do not lead to this fold; take more harmonics"
 
 
 def _from_exact(system: System, critical: Critical) -> tuple[float, str] | None:
@@ -104,7 +120,7 @@ def bound_by_harmonics(system: System, critical: Critical, harmonics: int) -> tu
 
 
 def bound_from(
-    equations: Equations | CollocationEquations, critical: Critical, share: float, what: str
+    equations: Equations | CollocationEquations, critical: Critical | SpecialPoint, share: float, what: str
 ) -> tuple[float, str] | None:
     """Return a share of the distance from the fold of other equations and what leads to it, None where nothing does."""
     if time_is_over():
@@ -121,8 +137,8 @@ def bound_from(
     return share * abs(critical.value - value), f"{what} to {value:.12g}"
 
 
-def _fold_of(equations: Equations | CollocationEquations, critical: Critical) -> tuple[float, float, str]:
-    found = fold(equations, critical.orbit, critical.parameter, search=False)
+def _fold_on_mesh(equations: CollocationEquations, critical: Critical | SpecialPoint) -> tuple[float, float, str]:
+    found = collocated_fold(equations, critical.orbit, critical.parameter)
     return found.value, found.omega, found.extremum
 
 
