@@ -13,7 +13,7 @@ from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, signature
-from hbbogie.branches.starts import Equilibrium, equilibria_at, sizes, starts_of
+from hbbogie.branches.starts import Equilibrium, beside_cycle, equilibria_at, sizes, starts_of
 from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -87,6 +87,7 @@ class Census:
                 orbit, beside = self.found[beside], beside + 1
                 for what, guess in relatives(self.system, orbit):
                     self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
+                self._leave_cycle(orbit)
             elif (k := next((i for i, known in enumerate(self.on_branch) if not known), None)) is None:
                 return
             else:
@@ -99,6 +100,13 @@ class Census:
                 else:
                     followed += 1
                     self._take(self.walker.through(self.found[k], name), name)
+
+    def _leave_cycle(self, orbit: Orbit) -> None:
+        """Follow the motion that leaves a cycle which has lost its stability to another of less symmetry or longer period."""
+        if (x := beside_cycle(self.system, orbit)) is not None:
+            where = f"beside the cycle of period {orbit.period:.9g} s"
+            what = self._motion(self.system, False, where, x, self._sample_distance(), self._sizes())
+            self.evidence.append(f"the motion from {where}, whose symmetry or period breaks: {what}")
 
     def _mirrored(self, k: int) -> bool:
         """Tell whether a cycle is the mirror image of one whose branch was followed."""
