@@ -69,6 +69,7 @@ def train(n: int = 2, creep: str = "she", yaw_dampers: str = "direct", **paramet
         [r for one in cars for r in one.equations],
         [e for one in cars for e in one.elements],
         description=f"{n} coupled railway vehicles",
+        outputs=[output for one in cars for output in one.outputs],
     )
     return system.with_parameters(**parameters)
 

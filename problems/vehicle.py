@@ -162,12 +162,16 @@ def bogie(p: SimpleNamespace, over: tuple[Any, ...], rates: tuple[Any, ...], i: 
     yb, pb, rb = frame = body(f"b{i}", mark, f"{where} frame", group)
     S = 2 * p.ksy * (u - yb - p.hs * rb) + 2 * p.csy * (u_dot - yb.dot - p.hs * rb.dot)
     F, series, dampers = yaw_damper(p, pc - pb, pc_dot - pb.dot, f"{i}{mark}")
+    stroke = series[0][0].dot if series else p.by * (pc_dot - pb.dot) if dampers else 0.0
+    lost = 2 * p.csy * (u_dot - yb.dot - p.hs * rb.dot) ** 2 + 2 * p.csz * p.bs**2 * (rc_dot - rb.dot) ** 2
+    lost += 4 * p.cpz * p.bp**2 * rb.dot**2 + 2 * F * stroke
     Z = 2 * p.ksx * p.bs**2 * (pc - pb) + (2 * p.by * F if dampers else 0.0)
     X = (2 * p.ksz * p.bs**2 + p.karb) * (rc - rb) + 2 * p.csz * p.bs**2 * (rc_dot - rb.dot)
     P = 4 * p.kpz * p.bp**2 * rb + 4 * p.cpz * p.bp**2 * rb.dot
 
     wheelsets, equations, flanges, A, B = [], [], [], [], []
     frame_at = f"{where} frame acceleration"
+    slid = driven = 0.0
     outputs = [
         frame_acceleration(f"{frame_at}{mark}", yb, pb),
         frame_acceleration(f"{frame_at}, outer{mark}", yb, pb, p.lb if i == 1 else -p.lb),
@@ -177,15 +181,26 @@ def bogie(p: SimpleNamespace, over: tuple[Any, ...], rates: tuple[Any, ...], i: 
         E, E_dot = y - yb - z * p.lb * pb + p.hp * rb, y.dot - yb.dot - z * p.lb * pb.dot + p.hp * rb.dot
         Ak = 2 * p.kpy * E + 2 * p.cpy * E_dot
         Bk = 2 * p.kpx * p.bp**2 * (psi - pb) + 2 * p.cpx * p.bp**2 * (psi.dot - pb.dot)
-        Fx, Fy = creep_forces(p, y, psi)
+        (xi, eta), (Fx, Fy) = contact(p, y, psi)
         FT = Element(f"flange {k}{mark}", DeadBand(p.K0, p.y0), y)
         equations += [p.mw * y.ddot + Ak - 2 * Fy + FT, p.Iwz * psi.ddot + Bk - 2 * p.a * Fx]
         wheelsets += [y, psi]
         flanges, A, B = [*flanges, FT], [*A, Ak], [*B, Bk]
+        wear = -2 * (Fx * xi + Fy * eta)  # both wheels
+        lost += 2 * p.cpy * E_dot**2 + 2 * p.cpx * p.bp**2 * (psi.dot - pb.dot) ** 2
+        slid += p.V * wear
+        driven -= 2 * p.V * (Fx * p.lam * y / p.r0 - Fy * psi)
         outputs += [
             guiding_forces(f"guiding forces {k}{mark}", -2 * Fy, FT),
             derailment_quotient(f"Y/Q {k}{mark}", FT - Fy, p.Q),
+            Output(f"flange force {k}{mark}", FT, "N", "of the rail on the wheelset, without the creep forces"),
+            Output(f"wear number {k}{mark}", wear, "N", "T gamma of both wheels, energy lost per metre"),
         ]
+    outputs += [
+        Output(f"{where} damper power{mark}", lost, "W", "lost in all dampers of the bogie"),
+        Output(f"{where} creep power{mark}", slid, "W", "lost in the contacts of the bogie"),
+        Output(f"{where} power of the forward motion{mark}", driven, "W", "that keeps the hunting going"),
+    ]
     frame_equations = [
         p.mb * yb.ddot - S - A[0] - A[1],
         p.Ibz * pb.ddot - Z - p.lb * (A[0] - A[1]) - B[0] - B[1],
@@ -221,10 +236,11 @@ def yaw_damper(
     return F, [(x, x.dot - F / p.c1 - faster)], [faster]
 
 
-def creep_forces(p: SimpleNamespace, y: Coordinate, psi: Coordinate) -> tuple[Any, Any]:
-    """Return the longitudinal and the lateral creep force on a wheel [N]."""
+def contact(p: SimpleNamespace, y: Coordinate, psi: Coordinate) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Return the longitudinal and the lateral creepage [1], and the creep forces on a wheel [N]."""
     law = ShenHedrickElkins(p.f11, p.f22, p.muN) if "muN" in vars(p) else LinearKalker(p.f11, p.f22)
-    return law.force(p.a * psi.dot / p.V + p.lam * y / p.r0, y.dot / p.V - psi)
+    xi, eta = p.a * psi.dot / p.V + p.lam * y / p.r0, y.dot / p.V - psi
+    return (xi, eta), law.force(xi, eta)
 
 
 def body(name: str, mark: str, what: str, group: str = "") -> list[Coordinate]:

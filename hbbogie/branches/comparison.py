@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 
 from hbbogie.branches.choice import METHODS, chosen_methods
@@ -136,7 +137,8 @@ class Comparison:
     ----------
     parameter, unit : str
     coordinates : tuple of str
-        The coordinates whose amplitudes are compared: those that enter nonlinearly.
+        The coordinates whose amplitudes are compared: those on which elements act, such as the lateral displacements of
+        wheelsets at their flanges; where there are none, all that enter nonlinearly.
     methods : dict of TracedBranch
         By name; the converged one is among them.
     truth : str
@@ -265,10 +267,10 @@ def compare(
     ----------
     system : System
     methods : sequence of str
-        Names such as "df1" and "df2" (describing function of first, second order), "mhb15" (multi-harmonic balance with
-        its highest harmonic; "mhb" is "mhb15") and, for systems that are linear between switchings, "exact" (cycles in
-        closed form), for smooth ones "collocation" (piecewise polynomials on a mesh that adapts). "auto" is "exact"
-        where that applies, else "mhb63".
+        Names such as "df1" and "df2" (describing function of first, second order; creep forces, too, are linearised
+        with all that they depend on sinusoidal), "mhb15" (multi-harmonic balance with its highest harmonic; "mhb" is
+        "mhb15") and, for systems that are linear between switchings, "exact" (cycles in closed form), for smooth ones
+        "collocation" (piecewise polynomials on a mesh that adapts). "auto" is "exact" where that applies, else "mhb63".
     values : sequence of float, optional, unit of the parameter
         Where to compare; twelve values over the interval where left out.
     parameter : str, optional
@@ -310,8 +312,16 @@ def compare(
     for i, value in enumerate(chosen):
         progress(f"cycles at {name} = {value:g}", 0.5 + i / (2 * len(chosen)))
         rows += _compared(followed, truth, float(value))
-    coordinates = system.nonlinear_coordinates or system.coordinate_names[:1]
-    return Comparison(name, system.parameter(name).unit, coordinates, followed, truth, tuple(rows))
+    return Comparison(name, system.parameter(name).unit, _compared_coordinates(system), followed, truth, tuple(rows))
+
+
+def _compared_coordinates(system: System) -> tuple[str, ...]:
+    """Return the coordinates on which elements act; all that enter nonlinearly, or the first, where there are none."""
+    q, v, _, p = system.dynamics.symbols()
+    arguments = [element.argument(q, v, p) for element in system.elements]
+    directly = {i for i in range(system.n) for u in arguments if ca.is_equal(ca.simplify(u), q[i])}
+    names = tuple(name for i, name in enumerate(system.coordinate_names) if i in directly)
+    return names or system.nonlinear_coordinates or system.coordinate_names[:1]
 
 
 def _branch_of_the_truth(

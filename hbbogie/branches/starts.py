@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
 from hbbogie.model.turns import turns_of
+from hbbogie.motion.integration import states_after
 from hbbogie.results import Equilibria, Orbit
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NUDGE = 1e-2  # along unstable directions, relative to the size of the states
 STATES = 24  # random states times states of the system
 NEWTON = 20
+LONGEST = 100  # periods in which a motion leaves a cycle
+TOLERANCE = 1e-7  # of its integration
+ODD = 1e-6  # even harmonics, relative to the largest, of a symmetric cycle
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +127,45 @@ def starts_of(system: System, equilibria: list[Equilibrium], size: Array) -> lis
         starts.append(("a random state", x))
     inside = [(where, np.append(np.clip(x[: system.n], low, high), x[system.n :])) for where, x in starts]
     return _on_level(system, inside, equilibria, size)
+
+
+def beside_cycle(system: System, orbit: Orbit) -> Array | None:
+    """Return a state of a motion that leaves an unstable cycle for one of less symmetry, or of twice the period.
+
+    Such cycles begin where a multiplier, of half a period for an odd cycle, passes -1 (a pitchfork, a period doubling).
+    The motion begins along its mode.
+
+    Returns
+    -------
+    ndarray, shape (n_states,), or None
+        None for a stable cycle, and where another multiplier is the largest.
+    """
+    verdict = orbit.stability
+    if verdict is None or verdict.verdict != "unstable" or verdict.critical is None or verdict.critical.imag:
+        return None
+    if orbit.advance or not (verdict.critical.real < 0 or orbit.is_odd(ODD)):
+        return None
+    judged = floquet(system, orbit)  # a polished cycle has the multipliers of its full period, and no mode
+    halves, mode = judged.half_multipliers, judged.mode
+    known = judged.multipliers if halves is None else halves
+    if mode is None or judged.critical is None:
+        return None
+    largest = known[np.argmin(np.abs(judged.multipliers - judged.critical))]
+    if largest.imag or largest.real > -1:
+        return None
+    second = list(system.second_order)
+    x = np.append(orbit.q(0.0)[0], orbit.v(0.0)[0][second])
+    width = np.ptp(orbit.extremes, axis=0)
+    size = np.append(width, orbit.omega * width[second])
+    share = np.divide(np.abs(mode.real), size, out=np.zeros(len(size)), where=size > 0).max()
+    if not share > 0:
+        return None
+    x = x + NUDGE / share * mode.real
+    leaving = int(min(np.ceil(np.log(1 / NUDGE) / np.log(abs(judged.critical))), LONGEST))  # periods, linearly
+    try:
+        return np.asarray(states_after(system, x, system.vector(), orbit.period, leaving, TOLERANCE)[-1])
+    except ConvergenceError:
+        return None
 
 
 def _on_level(

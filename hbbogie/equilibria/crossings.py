@@ -251,9 +251,13 @@ def _looked_at(
     if not busy.any():
         return False
     upper = busy & moving & (np.maximum(pairing.start.imag, pairing.end.imag) > 0)
-    if plain[busy].all() and all(
-        _confirmed(steps, step, pairing, int(i), course[i], found) for i in np.flatnonzero(upper)
-    ):
+    here: list[Crossing] = []  # those of this step
+    settled = plain[busy].all() and all(
+        _confirmed(steps, step, pairing, int(i), course[i], here) for i in np.flatnonzero(upper)
+    )
+    for new in here:
+        found += [] if any(_same(steps, new, old) for old in found) else [new]
+    if settled:
         return False
     if step.depth < DEEPEST:
         return True
@@ -267,8 +271,11 @@ def _looked_at(
     return False
 
 
-def _confirmed(steps: Steps, step: Step, pairing: Pairing, i: int, course: Array, found: list[Crossing]) -> bool:
-    """Confirm the crossing of an eigenvalue by Newton's method; tell whether that is settled."""
+def _confirmed(steps: Steps, step: Step, pairing: Pairing, i: int, course: Array, here: list[Crossing]) -> bool:
+    """Confirm the crossing of an eigenvalue by Newton's method; tell whether that is settled.
+
+    Each pair has its own crossing: where Newton's method leads to one of those found in this step already, it does not.
+    """
     up = course[-1] > course[0]
     x = float(np.interp(0.0, course if up else course[::-1], SHARES if up else SHARES[::-1]))
     u = (1 - x) * step.u[0] + x * step.u[1]
@@ -293,8 +300,9 @@ def _confirmed(steps: Steps, step: Step, pairing: Pairing, i: int, course: Array
     rises = bool(course[-1] > course[0]) == bool(step.u[1, -1] > step.u[0, -1])
     nearest = int(np.argmin(distance))
     new = Crossing(v, z, omega, int((distance <= TOGETHER).sum()), rises, float(values[nearest].real))
-    if not any(_same(steps, new, old) for old in found):
-        found.append(new)
+    if sum(_same(steps, new, old) for old in here) >= new.pairs:
+        return False
+    here.append(new)
     return True
 
 

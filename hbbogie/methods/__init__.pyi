@@ -8,3 +8,4 @@ from .equivalent import EquivalentSystem as EquivalentSystem
 from .harmonic import HarmonicBalance as HarmonicBalance
 from .heuristic import HeuristicStability as HeuristicStability
 from .heuristic import heuristic_stability as heuristic_stability
+from .several_inputs import first_harmonics as first_harmonics

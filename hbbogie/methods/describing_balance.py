@@ -26,7 +26,9 @@ class DescribingFunction:
     """Balance of one harmonic, with the force of each element from the describing function of its law.
 
     At order 1 this is `HarmonicBalance` with one harmonic. A law without closed form is integrated by a fixed rule of
-    256 points a period (see `describing_function`). Nonlinear terms that are not elements are sampled.
+    256 points a period (see `describing_function`). So are nonlinear terms that are not elements, such as creep forces
+    over two creepages: all that they depend on is sinusoidal, each with its own amplitude and phase, and their first
+    harmonic is kept (see `first_harmonics`). This is the quasi-linearisation of practice.
 
     Parameters
     ----------
@@ -35,7 +37,7 @@ class DescribingFunction:
         only the inertia and a spring of the law's reference stiffness respond to them. It need not be better than order
         1, and for a free mass between springs behind gaps it is worse.
     samples : int
-        Samples per period for nonlinear terms that are no elements: exact for polynomials up to degree 30.
+        Samples per period for nonlinear terms that are no elements: exact for polynomials up to degree 254.
     condense : bool
         Eliminate the coordinates that enter linearly (eq-condensation).
     phase : str, optional
@@ -53,7 +55,7 @@ class DescribingFunction:
     """
 
     order: int = 1
-    samples: int = 32
+    samples: int = 256
     condense: bool = True
     phase: str | None = None
 

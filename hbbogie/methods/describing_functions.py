@@ -9,6 +9,7 @@ Everything here is written for expressions. Numbers are inserted at the end.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from inspect import signature
 from itertools import pairwise
 from math import comb
 from typing import Any
@@ -92,6 +93,7 @@ def describing_function(
     symbolic = isinstance(amplitude, ca.SX | ca.MX)
     if not symbolic and not (np.isfinite(np.asarray(amplitude)).all() and (np.asarray(amplitude) > 0).all()):
         raise ModelError(f"describing_function: amplitude={amplitude!r}; give positive numbers.")
+    _check_inputs(law)
     memory = hasattr(law, "steady_force")
     if memory and (order == 2 or symbolic):
         what = "order 2 is for conservative laws" if order == 2 else "its describing function is complex"
@@ -107,6 +109,17 @@ def describing_function(
         raise ModelError("describing_function: quadrature takes numbers for amplitudes, not expressions; use 'auto'.")
     values = [_by_quadrature(law, float(Y), order, reference) for Y in np.ravel(np.asarray(amplitude))]
     return values[0] if np.ndim(amplitude) == 0 else np.reshape(values, np.shape(amplitude))
+
+
+def _check_inputs(law: Any) -> None:
+    """Raise `ModelError` for a law of several inputs."""
+    force = getattr(law, "force", None)
+    names = [p.name for p in signature(force).parameters.values() if p.default is p.empty] if force else ["u"]
+    if len(names) != 1:
+        raise ModelError(
+            f"describing_function of a {type(law).__name__}: its force depends on {', '.join(names)}, and here is one "
+            "amplitude; hbbogie.methods.first_harmonics(law.force, ...) takes the amplitude of each."
+        )
 
 
 def has_closed_form(law: Law | Backlash, order: int) -> bool:

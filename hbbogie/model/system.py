@@ -323,8 +323,10 @@ class System:
 
     @property
     def inactive_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that enter no equation."""
+        """Names of the parameters that enter neither an equation nor an output."""
         used = set(self.residual.jac_sparsity(0, 3).get_col())
+        if self.output_names:
+            used |= set(self._dynamics.measure.jac_sparsity(0, 2).get_col())
         return tuple(name for i, name in enumerate(self.parameter_names) if i not in used)
 
     def __repr__(self) -> str:

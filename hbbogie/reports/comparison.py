@@ -71,18 +71,21 @@ def verdicts(found: Comparison) -> tuple[str, ...]:
     exact = found.methods[found.truth].fold
     sentences = []
     for name in found.approximations:
-        worst = [
-            (row.value, _largest([row.error(name, take) for take in found.quantities().values()])) for row in found.rows
-        ]
-        known = [(value, error) for value, error in worst if error is not None]
+        known = []
+        for row in found.rows:
+            errors = {what: row.error(name, take) for what, take in found.quantities().items()}
+            sizes = {what: abs(error) for what, error in errors.items() if error is not None}
+            if sizes:
+                what = max(sizes, key=sizes.__getitem__)
+                known.append((row.value, sizes[what], what))
         if not known:
             sentences.append(f"{name} finds none of the cycles compared.")
             continue
-        good = [value for value, error in known if error <= GOOD]
-        place, size = max(known, key=lambda pair: pair[1])
-        text = f"{name}: within {GOOD:g} % in frequency and amplitude at {len(good)} of {len(worst)} cycles"
+        good = [value for value, error, _ in known if error <= GOOD]
+        place, size, what = max(known, key=lambda entry: entry[1])
+        text = f"{name}: within {GOOD:g} % in frequency and amplitude at {len(good)} of {len(found.rows)} cycles"
         text += f" ({found.parameter} from {min(good):g} to {max(good):g}{unit})" if good else ""
-        text += f"; its largest error is {size:.2g} % at {found.parameter} = {place:.5g}{unit}"
+        text += f"; its largest error, of the {what}, is {size:.2g} % at {found.parameter} = {place:.5g}{unit}"
         fold = found.methods[name].fold
         if exact and fold:
             text += f"; its critical value (fold) {fold:.5g}{unit} is off by {100 * (fold / exact - 1):+.2g} %"
@@ -120,9 +123,21 @@ def comparison_of(
     branches = {f"branch_{name}": method.branch for name, method in found.methods.items()}
     figures: dict[str, Callable[[], Figure]] = {"comparison": partial(_page, found)}
     tables = (table_of_errors(found), table_of_methods(found))
-    said = verdicts(found)
+    said = (*verdicts(found), *_quasi_linear(system, found))
     return Report(
         f"{system.name}: methods compared", tables, branches, figures, (*said, *left_out), summary=said or left_out
+    )
+
+
+def _quasi_linear(system: System, found: Comparison) -> tuple[str, ...]:
+    """Return what the describing function does with forces that are no elements, such as creep forces."""
+    rows = system.parts(contact=True).remainder_rows
+    if "df1" not in found.methods or not rows:
+        return ()
+    names = ", ".join(system.coordinate_names[i] for i in rows)
+    return (
+        f"df1 is quasi-linear practice: in the equations of {names} the nonlinear forces that are no elements, such as "
+        "creep forces, count with their first harmonic, all that they depend on being sinusoidal.",
     )
 
 

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Values = Callable[[Array], Array]  # phases, shape (N,) -> outputs, shape (N, m)
 
 SAMPLES = 256  # kept of each output, equidistant
-PANELS = 64  # of the integration, at least
+PANELS = 64, 256  # of the integration to begin with, at least and at most
 NODES = np.array([-1.0, -np.sqrt(3 / 7), 0.0, np.sqrt(3 / 7), 1.0])  # of Lobatto: at both ends no jump is passed over
 WEIGHTS = np.array([1 / 10, 49 / 90, 32 / 45, 49 / 90, 1 / 10])
 MOST = 1024  # panels that are halved at once: an output that is rough all over is left at that
@@ -44,8 +44,8 @@ def measured(orbit: Orbit) -> dict[str, Signal]:
     def of(tau: Array) -> Array:
         return _along(orbit, tau / orbit.omega if orbit.H else 0 * tau)
 
-    panels = max(PANELS, 2 * (orbit.H + 1))
-    tau, w, y = _quadrature(of, panels) if orbit.H else (np.zeros(1), np.full(1, 2 * np.pi), of(np.zeros(1)))
+    panels = int(np.clip(2 * (orbit.H + 1), *PANELS))
+    tau, w, y = quadrature(of, panels) if orbit.H else (np.zeros(1), np.full(1, 2 * np.pi), of(np.zeros(1)))
     basis = fourier.synthesis(panels // 2 if orbit.H else 0, tau) / np.pi
     basis[:, 0] /= 2
     c = basis.T @ (w[:, None] * y)
@@ -88,7 +88,7 @@ def _one_along(orbit: Orbit, k: int, t: Array) -> Array:
     return _along(orbit, t)[:, k]
 
 
-def _quadrature(of: Values, panels: int) -> tuple[Array, Array, Array]:
+def quadrature(of: Values, panels: int = PANELS[0]) -> tuple[Array, Array, Array]:
     """Return phases, weights and values that integrate the outputs and their squares over the period.
 
     Panels are halved until both halves agree with the whole, that is, down to the kinks.

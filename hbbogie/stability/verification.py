@@ -27,7 +27,7 @@ EITHER_SIDE = 1e-8  # rad; distance before and after the time of a contact at wh
 ATTEMPTS = 5  # orders of contacts tried
 SAMPLES = 16  # intervals of an element in the search for contacts and peaks
 HARMONICS = (127, 255, 511)  # highest harmonics tried for a polished orbit; the first that resolves it is taken
-RESOLVED = 1e-7  # largest tail of a resolved orbit
+RESOLVED = 1e-7  # largest tail of a resolved orbit, of its coordinates and of their rates
 TRUSTED = 1e-4  # largest error of the trivial multiplier and, relative to its size, of the logarithm of the determinant
 
 
@@ -299,9 +299,18 @@ def _aligned(shooting: Shooting, path: Path, step: NewtonStep, orbit: Orbit) -> 
     for H in HARMONICS:
         c = _coefficients(shooting, path, step, tau, H)
         c[0] += moved
-        if np.abs(c[-8:]).max() <= RESOLVED * max(np.abs(c[1:]).max(), *np.abs(orbit.advance), 0.0):
+        if _resolved(c, shooting.scale[: c.shape[1]], orbit):
             break
     return c, float((np.abs(gap).max(axis=0) / peak)[peak > 1e-12 * peak.max()].max())
+
+
+def _resolved(c: Array, scale: Array, orbit: Orbit) -> bool:
+    """Tell whether coefficients resolve a motion with its velocities, which forces and accelerations depend on."""
+    order = np.repeat(np.arange(1, len(c) // 2 + 1), 2)[:, None]
+    waves = np.abs(c[1:]) / scale
+    sizes = [max(waves.max(), *(np.abs(orbit.advance) / scale if orbit.advance else ()), 0.0), (order * waves).max()]
+    tails = waves[-8:].max(), (order * waves)[-8:].max()
+    return all(tail <= RESOLVED * size for tail, size in zip(tails, sizes, strict=True))
 
 
 def _in_phase(a: Array, b: Array, peak: Array, orbit: Orbit) -> float:
