@@ -92,7 +92,7 @@ def floquet(
         raise ModelError(f"tolerance: got {tolerance!r}; give a number above 0.")
     if steps is not None and not (isinstance(steps, int | np.integer) and steps >= 4):
         raise ModelError(f"steps: got {steps!r}; give a whole number, 4 or more.")
-    halved = _halved(system, orbit, half)
+    halved = is_halved(system, orbit, half)
     p = system.vector(**orbit.parameters)
     if orbit.H == 0:
         return _equilibrium(system, orbit, p, tolerance)
@@ -116,7 +116,7 @@ def floquet(
     return judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance, motion)
 
 
-def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
+def is_halved(system: System, orbit: Orbit, half: bool | None = None) -> bool:
     """Return whether half a period is to be integrated; raise `ModelError` if it is requested but not sufficient."""
     if half is False:
         return False
