@@ -97,6 +97,23 @@ def fold(
     return _critical(found, parameter)
 
 
+def located_fold(special: SpecialPoint, why: str) -> Critical:
+    """Return a fold as it was located along its branch, and why it has no gradient."""
+    orbit = special.orbit
+    return Critical(
+        kind="fold",
+        parameter=special.parameter,
+        value=special.value,
+        extremum=special.extremum,
+        omega=special.omega,
+        gradient={},
+        orbit=orbit,
+        residual=orbit.residual,
+        curvature=float("nan"),
+        status=f"located along the branch, {special.status}; no gradient: {why}",
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Solved:
     """How Newton's method on the conditions of optimality ended."""

@@ -13,7 +13,7 @@ from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import complete, extent, from_hopf
 from hbbogie.branches.resolution import MEET, doubt_at_fold
 from hbbogie.collocation.method import Collocation
-from hbbogie.critical.folds import fold
+from hbbogie.critical.folds import fold, located_fold
 from hbbogie.critical.groups import cycles_of_groups
 from hbbogie.critical.harmonic_error import ROUND_OFF, with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
@@ -35,6 +35,7 @@ SAME = 1e-7  # relative distance in value and frequency below which two points a
 HARMONICS = 21  # highest harmonic of a fold by harmonic balance, where none is given
 BY = {"exact": "in closed form", "mhb": "by harmonic balance", "collocation": "by collocation"}
 ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in turn
+APART = 0.01  # share of the interval by which a fold must lie above another one to stay so with more harmonics
 SMALL = 1e-3  # share of the interval up to which what harmonics leave out is corrected for, by which a fold is shifted
 RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
@@ -98,7 +99,29 @@ def critical_speeds(
     ModelError
         For wrong names or values, and for a method that does not apply to the system.
     """
-    system = system.with_parameters(**values)
+    with time_limit(limit):
+        return criticals(system.with_parameters(**values), parameter, interval, method, harmonics, start)
+
+
+def criticals(
+    system: System,
+    parameter: str,
+    interval: tuple[float, float] | None,
+    method: str,
+    harmonics: int | None,
+    start: Start | None = None,
+    *,
+    lowest: bool = False,
+) -> Criticals:
+    """Return critical values as `critical_speeds`, or only the lowest ones in full.
+
+    Parameters
+    ----------
+    system, parameter, interval, method, harmonics, start
+        As of `critical_speeds`.
+    lowest : bool
+        Whether folds of harmonic balance that lie above others are only located along their branches.
+    """
     if harmonics == 0:
         raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
     methods = chosen_methods("critical_speeds", system, method, harmonics, along=parameter)
@@ -106,20 +129,20 @@ def critical_speeds(
     HarmonicBalance(harmonics).check(system)
     lo, hi = check_interval(system, parameter, interval)
     span = widened(system, parameter, (lo, hi))  # the branch of a fold inside may begin at a Hopf point beyond the end
-    with time_limit(limit):
-        search = _Search(system, methods, harmonics, span, lo, corrects and not is_switched_linear(system))
-        points = hopf_points(system, parameter, span, start=start)
-        search.undecided += points.undecided
-        if not points:
-            search.evidence += points.evidence
-        for hopf in points:
-            if lo <= hopf.value <= hi:
-                search.found.append(hopf_gradient(system, hopf))
-            search.follow(hopf)
-        search.look_in_groups([hopf.value for hopf in points])
-        if time_is_over() and not search.undecided:
-            search.undecided.append("the time limit was reached before all was searched")
-        inside = [search.certified(c) for c in search.found if c.value <= hi]
+    corrects = corrects and not is_switched_linear(system)
+    search = _Search(system, methods, harmonics, span, lo, corrects, lowest)
+    points = hopf_points(system, parameter, span, start=start)
+    search.undecided += points.undecided
+    if not points:
+        search.evidence += points.evidence
+    for hopf in points:
+        if lo <= hopf.value <= hi:
+            search.found.append(hopf_gradient(system, hopf))
+        search.follow(hopf)
+    search.look_in_groups([hopf.value for hopf in points])
+    if time_is_over() and not search.undecided:
+        search.undecided.append("the time limit was reached before all was searched")
+    inside = [search.certified(c) for c in search.found if c.value <= hi]
     return Criticals(sorted(inside, key=lambda c: c.value), search.evidence, search.undecided)
 
 
@@ -143,30 +166,35 @@ class _Search:
     span: tuple[float, float]
     low: float
     corrects: bool
+    lowest: bool
     found: list[Critical] = field(default_factory=list)
     evidence: list[str] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
     shifts: dict[Orbit, FoldShift | None] = field(default_factory=dict)
+    located: set[Orbit] = field(default_factory=set)
+    least: float = float("inf")
 
     def look_in_groups(self, hopf: list[float]) -> None:
-        """Follow the branches to which motions of one group of bodies lead, up to where these were begun."""
+        """Follow the branches to which motions of one group of bodies lead, up to the highest Hopf point."""
         if not self.branches or time_is_over():
             return
         coarse, parameter = HarmonicBalance(ORDERS[0]).equations(self.system), self.branches[0].parameter
+        span = (self.span[0], max(hopf))
         for said, cycle in cycles_of_groups(coarse, self.branches, hopf):
             self.evidence.append(said)
             if cycle is None:
                 continue
-            value = cycle.parameters[parameter]
             try:
-                branch = trace(coarse, cycle, parameter, (self.span[0], value), families=False, stability=False)
-                found = [self._solved(special, True) for special in branch.folds()]
+                branch = trace(coarse, cycle, parameter, span, families=False, stability=False)
+                found = [self._solved(special, True) for special in by_value(branch)]
             except FAILURES as error:
                 self.undecided.append(f"the branch of {said} was not followed: {error}")
                 continue
-            self.evidence.append(f"its branch was followed down to {float(branch.values.min()):.6g}: {branch.ends[1]}")
-            self._add(found, value)
+            self.evidence.append(extent("its branch", branch.values, branch.ends))
+            if not complete(branch):
+                self.undecided.append(f"the branch of {said} was not followed to its end: {branch.ends[1]}")
+            self._add(found, cycle.parameters[parameter])
 
     def _add(self, folds: list[Critical], begin: float) -> None:
         """Keep folds of a branch that begins at a value: below the interval the minima of one that begins inside."""
@@ -233,7 +261,7 @@ class _Search:
                 continue
             last = orders[-1] == H
             try:
-                folds = [self._solved(special, last) for branch in branches for special in branch.folds()]
+                folds = [self._solved(special, last) for branch in branches for special in by_value(branch)]
             except ConvergenceError:  # of a fold that these harmonics alone have
                 continue
             tail = max(o.tail for branch in branches for o in branch.orbits)
@@ -254,23 +282,19 @@ class _Search:
 
     def _solved(self, special: SpecialPoint, last: bool) -> Critical:
         """Return a fold of a branch with its gradient; of the last attempt without one where that does not converge."""
+        above = self.least + APART * (self.span[1] - self.span[0])
+        if self.lowest and (special.extremum == "maximum" or special.value > above):
+            self.located.add(special.orbit)
+            return located_fold(special, "it lies above another fold")
         try:
-            return fold(self.equations, special, special.parameter, search=last and not time_is_over())
+            solved = fold(self.equations, special, special.parameter, search=last and not time_is_over())
         except ConvergenceError as error:
             if not last:
                 raise
-            status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
-        shown: dict[str, Any] = {"gradient": {}, "residual": orbit.residual, "curvature": float("nan")}
-        return Critical(
-            kind="fold",
-            parameter=special.parameter,
-            value=special.value,
-            extremum=special.extremum,
-            omega=special.omega,
-            orbit=orbit,
-            status=status,
-            **shown,
-        )
+            return located_fold(special, str(error))
+        if solved.extremum == "minimum":
+            self.least = min(self.least, solved.value)
+        return solved
 
     def _shift(self, critical: Critical) -> FoldShift | None:
         """Return what the equations of motion tell of a fold where its multipliers meet at 1; computed once."""
@@ -289,7 +313,7 @@ class _Search:
 
     def certified(self, critical: Critical) -> Critical:
         """Return a fold of harmonic balance, corrected, with its error, and a status that says where it is doubtful."""
-        if critical.kind != "fold" or critical.orbit.kept is None:
+        if critical.kind != "fold" or critical.orbit.kept is None or critical.orbit in self.located:
             return critical
         shift = self._shift(critical) if self.corrects and not time_is_over() else None
         if shift and abs(shift.value) <= SMALL * (self.span[1] - self.span[0]):
@@ -299,6 +323,11 @@ class _Search:
         critical = with_error(self.system, critical, self.harmonics)
         doubt = self._doubt(critical)
         return replace(critical, status=f"{critical.status}; {doubt}") if doubt else critical
+
+
+def by_value(branch: Branch) -> list[SpecialPoint]:
+    """Return the folds of a branch in increasing order of their values."""
+    return sorted(branch.folds(), key=lambda special: special.value)
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:
