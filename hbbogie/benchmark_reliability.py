@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from hbbogie import System, critical_speeds, critical_speeds_of, load_problem, sweep
-from hbbogie.branches.fold_error import bound_by_harmonics
+from hbbogie.critical.harmonic_error import bound_by_harmonics
 from hbbogie.errors import ModelError
 from hbbogie.exact.critical import fold_near
 from hbbogie.results import Critical

@@ -1,8 +1,8 @@
-"""How far the harmonics left out may move a fold, and whether it is there at all."""
+"""How far a fold of one method lies from that of another, and whether it is there at all."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from hbbogie.branches.collocated import collocated_fold
 from hbbogie.branches.cycle_curve import CycleCurve
 from hbbogie.branches.resolution import meeting
-from hbbogie.collocation.method import Collocation, CollocationEquations
+from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over
-from hbbogie.exact.critical import fold_near
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
@@ -23,46 +22,15 @@ from hbbogie.results.orbit import NOT_RESOLVED
 from hbbogie.solving.arclength import advance, correct
 
 Array = NDArray[np.float64]
+Fold = tuple[float, float, str]  # value, frequency [rad/s] and extremum
 FIRST_STRIDE, LONGEST_STRIDE = 1e-3, 0.1  # along the curve, scaled
 STRIDES = 15
 MET = 1e-11  # largest scaled residual of a point of the curve
 CLOSE = 1e-10  # change of the parameter up to which a fold is met, relative to its value
 
 NEAR = 0.1  # relative distance in frequency up to which another fold is the same
-SLACK = 1e-3  # share of a distance from the exact fold by which its bound is larger
 REST = 2.0  # bound in units of what more harmonics change: right where they leave no more than half of the error
-COARSE = 9  # harmonics, at most, from which on the changes of the value are compared
-SETTLED = 400.0  # ratio of successive changes beyond which the last one may be small by chance
-ROUND_OFF = 1e-10  # share of the value that no comparison can tell
 FINE = 1e-6  # share of the highest harmonics up to which others change nothing
-NONE = float("inf"), f"{NOT_RESOLVED}: neither more harmonics nor another method lead to this fold"
-
-
-def with_error(system: System, critical: Critical, harmonics: int) -> Critical:
-    """Return a fold with a bound of the error that the harmonics left out make in its value.
-
-    Where the system is linear between switchings that is the distance from the fold in closed form. Elsewhere the
-    fold is located with twice the harmonics, and the bound is twice the change, see `bound_by_harmonics`; where that
-    leads to no such fold, by collocation. A fold that neither of them has is not resolved.
-
-    Parameters
-    ----------
-    system : System
-    critical : Critical
-        A fold.
-    harmonics : int
-        With which it was found.
-    """
-    if time_is_over():
-        return replace(critical, error=float("inf"), status=f"{critical.status}; its error was not bounded in time")
-    error, said = (
-        _from_exact(system, critical)
-        or bound_by_harmonics(system, critical, harmonics)
-        or bound_from(Collocation().equations(system), critical, 1 + SLACK, "collocation leads")
-        or NONE
-    )
-    error += ROUND_OFF * abs(critical.value)
-    return replace(critical, error=error, status=f"{critical.status}; {said}")
 
 
 def doubt_on_branch(system: System, special: SpecialPoint) -> str:
@@ -79,70 +47,50 @@ def doubt_on_branch(system: System, special: SpecialPoint) -> str:
     return f"{NOT_RESOLVED}: {finer} harmonics do not lead to this fold; take more harmonics"
 
 
-def _from_exact(system: System, critical: Critical) -> tuple[float, str] | None:
-    """Return the bound by the fold in closed form and what it is, None where there is none near by."""
-    if critical.extremum != "minimum":
-        return None
-    try:
-        exact = fold_near(system, critical.orbit, critical.parameter)
-    except FAILURES:  # not linear between switchings, or too far away
-        return None
-    if abs(exact.omega / critical.omega - 1) > NEAR:
-        return None
-    return (1 + SLACK) * abs(critical.value - exact.value), f"the fold in closed form lies at {exact.value:.12g}"
-
-
-def bound_by_harmonics(system: System, critical: Critical, harmonics: int) -> tuple[float, str] | None:
-    """Return twice what twice the harmonics change in a fold and what leads to it, None where they have no such fold.
-
-    Where that is very little beside the change from half of the harmonics, or these have no such fold, two errors may
-    be alike by chance: then the larger of the changes by twice and by three times the harmonics counts.
+def bound_from(
+    equations: Equations | CollocationEquations,
+    critical: Critical | SpecialPoint,
+    share: float,
+    what: str,
+    otherwise: Callable[[Equations], Fold] | None = None,
+) -> tuple[float, str] | None:
+    """Return a share of the distance from the fold of other equations and what leads to it, None where nothing does.
 
     Parameters
     ----------
-    system : System
-    critical : Critical
-        A fold.
-    harmonics : int
-        With which it was found.
+    equations : Equations or CollocationEquations
+    critical : Critical or SpecialPoint
+        The fold.
+    share : float
+    what : str
+        Of the equations, with a verb.
+    otherwise : callable, optional
+        Gives the fold of harmonic balance where the secant method leads to none.
     """
-
-    def change(H: int, share: float = REST) -> tuple[float, str] | None:
-        return bound_from(HarmonicBalance(H).equations(system), critical, share, f"{H} harmonics lead")
-
-    found = change(2 * harmonics + 1)
-    if found is None:
-        return None
-    coarse = change(min(COARSE, (harmonics + 1) // 2), 1.0)
-    if coarse is not None and found[0] >= coarse[0] / SETTLED:
-        return found
-    return max(found, change(3 * harmonics + 2) or found)
-
-
-def bound_from(
-    equations: Equations | CollocationEquations, critical: Critical | SpecialPoint, share: float, what: str
-) -> tuple[float, str] | None:
-    """Return a share of the distance from the fold of other equations and what leads to it, None where nothing does."""
     if time_is_over():
         return None
+    found: Fold | None
     try:
-        finer = None
-        if isinstance(equations, Equations):
-            finer = fold_value(equations, critical.orbit, critical.parameter)
-        value, omega, extremum = finer or _fold_of(equations, critical)
+        if isinstance(equations, CollocationEquations):
+            found = _fold_on_mesh(equations, critical)
+        elif (found := fold_value(equations, critical.orbit, critical.parameter)) is None and otherwise is not None:
+            found = otherwise(equations)
     except FAILURES:
         return None
+    if found is None:
+        return None
+    value, omega, extremum = found
     if extremum != critical.extremum or abs(omega / critical.omega - 1) > NEAR:
         return None
     return share * abs(critical.value - value), f"{what} to {value:.12g}"
 
 
-def _fold_on_mesh(equations: CollocationEquations, critical: Critical | SpecialPoint) -> tuple[float, float, str]:
+def _fold_on_mesh(equations: CollocationEquations, critical: Critical | SpecialPoint) -> Fold:
     found = collocated_fold(equations, critical.orbit, critical.parameter)
     return found.value, found.omega, found.extremum
 
 
-def fold_value(equations: Equations, orbit: Orbit, parameter: str) -> tuple[float, float, str] | None:
+def fold_value(equations: Equations, orbit: Orbit, parameter: str) -> Fold | None:
     """Return value, frequency and kind of extremum of the fold near a cycle, without second derivatives.
 
     Along the curve of cycles the slope of the parameter is brought to zero by the secant method. The value is at its

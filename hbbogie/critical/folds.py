@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 ITERATIONS = 25
 FARTHEST = 0.2  # longest step of an unknown, in units of its scale: a guess near a fold is near it
 FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its value, below which there is no extremum
+KEPT = 0.1  # share of the residual up to which a step with second derivatives from before may leave it
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
@@ -96,6 +97,23 @@ def fold(
     return _critical(found, parameter)
 
 
+def located_fold(special: SpecialPoint, why: str) -> Critical:
+    """Return a fold as it was located along its branch, and why it has no gradient."""
+    orbit = special.orbit
+    return Critical(
+        kind="fold",
+        parameter=special.parameter,
+        value=special.value,
+        extremum=special.extremum,
+        omega=special.omega,
+        gradient={},
+        orbit=orbit,
+        residual=orbit.residual,
+        curvature=float("nan"),
+        status=f"located along the branch, {special.status}; no gradient: {why}",
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Solved:
     """How Newton's method on the conditions of optimality ended."""
@@ -118,13 +136,15 @@ def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance:
     y = np.append(equations.encode(orbit), p[place])
     second = equations.hessian((place,))
     multipliers = _multipliers(problem, y)
-    why = f"not converged after {ITERATIONS} iterations"
+    why, error, W = f"not converged after {ITERATIONS} iterations", np.inf, None
     for iteration in range(ITERATIONS):
-        F, J, L, W = _optimality(problem, second, y, multipliers)
-        error = float(max(np.abs(F).max(), np.abs(L).max()))
+        F, J, L = _optimality(problem, y, multipliers)
+        before, error = error, float(max(np.abs(F).max(), np.abs(L).max()))
         if error <= tolerance and iteration:  # one step at least: the parameter is then good to round-off
             why = f"found in {iteration} iterations"
             break
+        if W is None or not error <= KEPT * before:
+            W = _second_derivatives(problem, second, y, multipliers)
         m = len(F)
         try:
             step = np.linalg.solve(np.block([[W, J.T], [J, np.zeros((m, m))]]), -np.concatenate([L, F]))
@@ -137,7 +157,7 @@ def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance:
             why = "the iteration left all bounds"
             break
     converged, active = error <= tolerance, problem.violated(y)
-    tangent = np.linalg.svd(J)[2][-1]
+    tangent, W = np.linalg.svd(J)[2][-1], _second_derivatives(problem, second, y, multipliers)
     curvature = float(problem.scale[-1] * tangent @ W @ tangent)
     if active:
         converged, why = False, f"{why}; {', '.join(map(str, active))}"
@@ -182,16 +202,17 @@ def _by_tracing(equations: Equations, place: int, orbit: Orbit, tolerance: float
     return best
 
 
-def _optimality(
-    problem: Problem, second: ca.Function, y: Array, multipliers: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return scaled residual, its Jacobian, gradient and Hessian of the Lagrangian V + multipliers . F."""
+def _optimality(problem: Problem, y: Array, multipliers: Array) -> tuple[Array, Array, Array]:
+    """Return scaled residual, its Jacobian, and the gradient of the Lagrangian V + multipliers . F."""
     F, J = problem.evaluate(y)
     F, J = F / problem.row_scale, J / problem.row_scale[:, None] * problem.scale
-    objective = np.append(np.zeros(len(y) - 1), 1.0)
-    m = problem.equations.size
-    H = second(y[:m], problem.parameters(y), multipliers / problem.row_scale).full()
-    return F, J, objective + J.T @ multipliers, H * np.outer(problem.scale, problem.scale)
+    return F, J, np.append(np.zeros(len(y) - 1), 1.0) + J.T @ multipliers
+
+
+def _second_derivatives(problem: Problem, second: ca.Function, y: Array, multipliers: Array) -> Array:
+    """Return the scaled Hessian of the Lagrangian, which costs as much as some twenty Jacobians."""
+    H = second(y[: problem.equations.size], problem.parameters(y), multipliers / problem.row_scale).full()
+    return np.asarray(H * np.outer(problem.scale, problem.scale))
 
 
 def _multipliers(problem: Problem, y: Array) -> Array:

@@ -6,16 +6,16 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from hbbogie.branches.choice import chosen_methods
+from hbbogie.branches.choice import chosen_methods, is_switched_linear
 from hbbogie.branches.closed_form import exact_branch, exact_critical, exact_walk
 from hbbogie.branches.collocated import collocated_critical, followed_from
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import complete, extent, from_hopf
-from hbbogie.branches.fold_error import with_error
-from hbbogie.branches.resolution import doubt_at_fold
+from hbbogie.branches.resolution import MEET, doubt_at_fold
 from hbbogie.collocation.method import Collocation
-from hbbogie.critical.folds import fold
+from hbbogie.critical.folds import fold, located_fold
 from hbbogie.critical.groups import cycles_of_groups
+from hbbogie.critical.harmonic_error import ROUND_OFF, with_error
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
@@ -29,11 +29,14 @@ from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical, Criticals
 from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.results.orbit import Orbit
+from hbbogie.stability.fold_defect import FoldShift, fold_shift
 
 SAME = 1e-7  # relative distance in value and frequency below which two points are one
 HARMONICS = 21  # highest harmonic of a fold by harmonic balance, where none is given
 BY = {"exact": "in closed form", "mhb": "by harmonic balance", "collocation": "by collocation"}
 ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in turn
+APART = 0.01  # share of the interval by which a fold must lie above another one to stay so with more harmonics
+SMALL = 1e-3  # share of the interval up to which what harmonics leave out is corrected for, by which a fold is shifted
 RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
 
@@ -53,7 +56,9 @@ def critical_speeds(
 
     Each branch is followed from its Hopf point to where it leaves the interval or ends. In closed form, and by
     collocation, its folds are those of the cycles themselves. By harmonic balance it is followed with 9 harmonics, with
-    more where these do not resolve its cycles or lose it, and each fold is then solved for with all harmonics.
+    more where these do not resolve its cycles or lose it. Each fold is then solved for with 21, and its value corrected
+    for what these leave out (eq-fold-shift), unless the system is linear between switchings. The orbit at the fold
+    keeps the value that its harmonics give.
 
     Where the coordinates belong to groups of bodies, motions in which one group moves below the first Hopf point lead
     to further branches.
@@ -63,13 +68,16 @@ def critical_speeds(
     system : System
     parameter : str
     interval : (float, float), optional, unit of the parameter
-        Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out.
+        Where to look; twice the parameter's value (at least 1) to either side, within its bounds, where left out. A
+        fold below it counts as well where the branch from a Hopf point inside goes down to it: cycles then exist at
+        the beginning of the interval already.
     method : {"auto", "exact", "mhb", "collocation"}
         "auto" follows a branch in closed form where the system is linear between switchings, else by multi-harmonic
         balance, and by collocation where the system is smooth and harmonics do not resolve the branch or a fold of it.
         The ``evidence`` and the status of each fold say by which it was.
     harmonics : int, optional
-        Highest harmonic of the folds, 21 where left out; where it is given, "auto" is "mhb".
+        Highest harmonic of the folds, whose values are then those of these harmonics, not corrected; where it is given,
+        "auto" is "mhb".
     start : Orbit, Trajectory, mapping from name to value or sequence of float, optional
         A state: only Hopf points of the equilibrium near it, and their branches, are looked at.
     limit : float, optional, s
@@ -80,7 +88,8 @@ def critical_speeds(
     Returns
     -------
     Criticals : list of Critical
-        In increasing order of the value. The error of a fold bounds what harmonics left out, or the mesh, change. The
+        In increasing order of the value. The error of a fold bounds what harmonics left out, or the mesh, change: the
+        size of the correction where there is one, of which usually a few hundredths are left. The
         list carries ``evidence``: how far each branch was followed; ``undecided``: what was not followed to its end.
         Folds on branches that reach no Hopf point in the interval, or up to half of it beyond its ends, are not among
         them.
@@ -90,28 +99,50 @@ def critical_speeds(
     ModelError
         For wrong names or values, and for a method that does not apply to the system.
     """
-    system = system.with_parameters(**values)
+    with time_limit(limit):
+        return criticals(system.with_parameters(**values), parameter, interval, method, harmonics, start)
+
+
+def criticals(
+    system: System,
+    parameter: str,
+    interval: tuple[float, float] | None,
+    method: str,
+    harmonics: int | None,
+    start: Start | None = None,
+    *,
+    lowest: bool = False,
+) -> Criticals:
+    """Return critical values as `critical_speeds`, or only the lowest ones in full.
+
+    Parameters
+    ----------
+    system, parameter, interval, method, harmonics, start
+        As of `critical_speeds`.
+    lowest : bool
+        Whether folds of harmonic balance that lie above others are only located along their branches.
+    """
     if harmonics == 0:
         raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
     methods = chosen_methods("critical_speeds", system, method, harmonics, along=parameter)
-    harmonics = HARMONICS if harmonics is None else harmonics
+    corrects, harmonics = harmonics is None, HARMONICS if harmonics is None else harmonics
     HarmonicBalance(harmonics).check(system)
     lo, hi = check_interval(system, parameter, interval)
     span = widened(system, parameter, (lo, hi))  # the branch of a fold inside may begin at a Hopf point beyond the end
-    with time_limit(limit):
-        search = _Search(system, methods, harmonics, span)
-        points = hopf_points(system, parameter, span, start=start)
-        search.undecided += points.undecided
-        if not points:
-            search.evidence += points.evidence
-        for hopf in points:
-            if lo <= hopf.value <= hi:
-                search.found.append(hopf_gradient(system, hopf))
-            search.follow(hopf)
-        search.look_in_groups([hopf.value for hopf in points])
-        if time_is_over() and not search.undecided:
-            search.undecided.append("the time limit was reached before all was searched")
-        inside = [search.certified(c) for c in search.found if lo <= c.value <= hi]
+    corrects = corrects and not is_switched_linear(system)
+    search = _Search(system, methods, harmonics, span, lo, corrects, lowest)
+    points = hopf_points(system, parameter, span, start=start)
+    search.undecided += points.undecided
+    if not points:
+        search.evidence += points.evidence
+    for hopf in points:
+        if lo <= hopf.value <= hi:
+            search.found.append(hopf_gradient(system, hopf))
+        search.follow(hopf)
+    search.look_in_groups([hopf.value for hopf in points])
+    if time_is_over() and not search.undecided:
+        search.undecided.append("the time limit was reached before all was searched")
+    inside = [search.certified(c) for c in search.found if c.value <= hi]
     return Criticals(sorted(inside, key=lambda c: c.value), search.evidence, search.undecided)
 
 
@@ -133,33 +164,44 @@ class _Search:
     methods: tuple[str, ...]
     harmonics: int
     span: tuple[float, float]
+    low: float
+    corrects: bool
+    lowest: bool
     found: list[Critical] = field(default_factory=list)
     evidence: list[str] = field(default_factory=list)
     undecided: list[str] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
-    doubts: dict[Orbit, str] = field(default_factory=dict)
+    shifts: dict[Orbit, FoldShift | None] = field(default_factory=dict)
+    located: set[Orbit] = field(default_factory=set)
+    least: float = float("inf")
 
     def look_in_groups(self, hopf: list[float]) -> None:
-        """Follow the branches to which motions of one group of bodies lead, up to where these were begun."""
+        """Follow the branches to which motions of one group of bodies lead, up to the highest Hopf point."""
         if not self.branches or time_is_over():
             return
         coarse, parameter = HarmonicBalance(ORDERS[0]).equations(self.system), self.branches[0].parameter
+        span = (self.span[0], max(hopf))
         for said, cycle in cycles_of_groups(coarse, self.branches, hopf):
             self.evidence.append(said)
             if cycle is None:
                 continue
-            value = cycle.parameters[parameter]
             try:
-                branch = trace(coarse, cycle, parameter, (self.span[0], value), families=False, stability=False)
-                found = [self._solved(special, True) for special in branch.folds()]
+                branch = trace(coarse, cycle, parameter, span, families=False, stability=False)
+                found = [self._solved(special, True) for special in by_value(branch)]
             except FAILURES as error:
                 self.undecided.append(f"the branch of {said} was not followed: {error}")
                 continue
-            self.evidence.append(f"its branch was followed down to {float(branch.values.min()):.6g}: {branch.ends[1]}")
-            self._add(found)
+            self.evidence.append(extent("its branch", branch.values, branch.ends))
+            if not complete(branch):
+                self.undecided.append(f"the branch of {said} was not followed to its end: {branch.ends[1]}")
+            self._add(found, cycle.parameters[parameter])
 
-    def _add(self, folds: list[Critical]) -> None:
-        self.found += [c for c in folds if not any(coincide(c, other) for other in self.found)]
+    def _add(self, folds: list[Critical], begin: float) -> None:
+        """Keep folds of a branch that begins at a value: below the interval the minima of one that begins inside."""
+        for c in folds:
+            inside = c.value >= self.low or (c.extremum == "minimum" and begin >= self.low)
+            if inside and not any(coincide(c, other) for other in self.found):
+                self.found.append(c)
 
     @cached_property
     def equations(self) -> Equations:
@@ -187,7 +229,7 @@ class _Search:
         assert best is not None
         self.undecided += [] if best.whole else [best.said]
         self.branches += best.branches
-        self._add(best.folds)
+        self._add(best.folds, hopf.value)
 
     def _in_closed_form(self, hopf: SpecialPoint, name: str) -> _Followed:
         walk = exact_walk(self.system, hopf, self.span)
@@ -219,7 +261,7 @@ class _Search:
                 continue
             last = orders[-1] == H
             try:
-                folds = [self._solved(special, last) for branch in branches for special in branch.folds()]
+                folds = [self._solved(special, last) for branch in branches for special in by_value(branch)]
             except ConvergenceError:  # of a fold that these harmonics alone have
                 continue
             tail = max(o.tail for branch in branches for o in branch.orbits)
@@ -240,38 +282,52 @@ class _Search:
 
     def _solved(self, special: SpecialPoint, last: bool) -> Critical:
         """Return a fold of a branch with its gradient; of the last attempt without one where that does not converge."""
+        above = self.least + APART * (self.span[1] - self.span[0])
+        if self.lowest and (special.extremum == "maximum" or special.value > above):
+            self.located.add(special.orbit)
+            return located_fold(special, "it lies above another fold")
         try:
-            return fold(self.equations, special, special.parameter, search=last and not time_is_over())
+            solved = fold(self.equations, special, special.parameter, search=last and not time_is_over())
         except ConvergenceError as error:
             if not last:
                 raise
-            status, orbit = f"located along the branch, {special.status}; no gradient: {error}", special.orbit
-        shown: dict[str, Any] = {"gradient": {}, "residual": orbit.residual, "curvature": float("nan")}
-        return Critical(
-            kind="fold",
-            parameter=special.parameter,
-            value=special.value,
-            extremum=special.extremum,
-            omega=special.omega,
-            orbit=orbit,
-            status=status,
-            **shown,
-        )
+            return located_fold(special, str(error))
+        if solved.extremum == "minimum":
+            self.least = min(self.least, solved.value)
+        return solved
+
+    def _shift(self, critical: Critical) -> FoldShift | None:
+        """Return what the equations of motion tell of a fold where its multipliers meet at 1; computed once."""
+        orbit = critical.orbit
+        if orbit not in self.shifts:
+            try:
+                shift = fold_shift(self.system, orbit, critical.parameter)
+            except FAILURES:
+                shift = None
+            self.shifts[orbit] = shift if shift and shift.apart <= MEET else None
+        return self.shifts[orbit]
 
     def _doubt(self, critical: Critical) -> str:
-        """Return why a fold may be none; its multipliers are computed once."""
-        orbit = critical.orbit
-        if orbit not in self.doubts:
-            self.doubts[orbit] = doubt_at_fold(self.system, orbit)
-        return self.doubts[orbit]
+        """Return why a fold may be none."""
+        return "" if self._shift(critical) else doubt_at_fold(self.system, critical.orbit)
 
     def certified(self, critical: Critical) -> Critical:
-        """Return a fold of harmonic balance with its error, and a status that says so where it is not resolved."""
-        if critical.kind != "fold" or critical.orbit.kept is None:
+        """Return a fold of harmonic balance, corrected, with its error, and a status that says where it is doubtful."""
+        if critical.kind != "fold" or critical.orbit.kept is None or critical.orbit in self.located:
             return critical
+        shift = self._shift(critical) if self.corrects and not time_is_over() else None
+        if shift and abs(shift.value) <= SMALL * (self.span[1] - self.span[0]):
+            error = abs(shift.value) + ROUND_OFF * abs(critical.value)
+            status = f"{critical.status}; corrected by {shift.value:.3g} for what {self.harmonics} harmonics leave out"
+            return replace(critical, value=critical.value + shift.value, error=error, status=status)
         critical = with_error(self.system, critical, self.harmonics)
         doubt = self._doubt(critical)
         return replace(critical, status=f"{critical.status}; {doubt}") if doubt else critical
+
+
+def by_value(branch: Branch) -> list[SpecialPoint]:
+    """Return the folds of a branch in increasing order of their values."""
+    return sorted(branch.folds(), key=lambda special: special.value)
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:

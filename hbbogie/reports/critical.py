@@ -66,7 +66,7 @@ def critical_of(
     notes = [f"The smallest critical value is {first.value:.5g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
     if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
         notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
-    notes += _attractors(system, searched, unit)
+    notes += [*_linear_analysis(found, unit), *_attractors(system, searched, unit)]
     if found[-1].extremum == "maximum":
         notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
     progress("where rest and cycles coexist", None)
@@ -78,7 +78,7 @@ def critical_of(
         )
     figures = _bars(found, system)
     data: dict[str, Any] = {"complete": searched.complete, "evidence": list(searched.evidence)}
-    data["critical"] = [{"kind": c.kind, "value": c.value, "gradient": c.gradient} for c in found]
+    data["critical"] = [_data(system, c) for c in found]
     data["coexistence"] = [{"interval": c.interval} for c in both]
     tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
     return Report(
@@ -106,6 +106,25 @@ def _attractors(system: System, found: Criticals, unit: str) -> list[str]:
     each = ", ".join(f"{name} {c.value:.6g}" for name, c in lowest.items())
     evidence = (f"{sentence[0].upper()}{sentence[1:]}." for sentence in found.evidence)
     return [f"Lowest fold of the cycles in which these groups move: {each} {unit}".rstrip() + ".", *evidence]
+
+
+def _linear_analysis(found: list[Critical], unit: str) -> list[str]:
+    """Return how far the first Hopf point, where linear analysis ends, lies above the smallest critical value."""
+    hopf, lowest = next((c.value for c in found if c.kind == "hopf"), None), found[0].value
+    if hopf is None or not 0 < lowest < hopf:
+        return []
+    return [
+        f"Linear analysis sees the Hopf point at {hopf:.5g} {unit}".rstrip()
+        + f" only, which is {100 * (hopf / lowest - 1):.3g} % too high for a critical value."
+    ]
+
+
+def _data(system: System, c: Critical) -> dict[str, Any]:
+    """Return a critical value for programs."""
+    known = {"kind": c.kind, "value": c.value, "gradient": c.gradient}
+    if np.isfinite(c.error):
+        known["error"] = c.error
+    return known | ({"moves": moving_groups(system, c.orbit)} if system.groups else {})
 
 
 def _rounded(c: Critical, size: float) -> Critical:

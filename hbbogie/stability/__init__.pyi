@@ -1,3 +1,5 @@
+from .fold_defect import FoldShift as FoldShift
+from .fold_defect import fold_shift as fold_shift
 from .hill_method import HillStability as HillStability
 from .hill_method import hill as hill
 from .jumps import passages_of as passages_of

@@ -110,7 +110,7 @@ def floquet_of_each(
         check_orbit(system, orbit)
     p = np.array([system.vector(**orbit.parameters) for orbit in orbits])
     for k, orbit in enumerate(orbits):
-        halved = _halved(system, orbit, half)
+        halved = is_halved(system, orbit, half)
         if orbit.H == 0:
             found[k] = _equilibrium(system, orbit, p[k], tolerance)
         else:
@@ -145,7 +145,7 @@ def _judged(waveforms: Waveforms, steps: int | None, tolerance: float, halved: b
     return found
 
 
-def _halved(system: System, orbit: Orbit, half: bool | None) -> bool:
+def is_halved(system: System, orbit: Orbit, half: bool | None = None) -> bool:
     """Return whether half a period is to be integrated; raise `ModelError` if it is requested but not sufficient."""
     if half is False:
         return False

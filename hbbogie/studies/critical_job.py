@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches import choice
-from hbbogie.critical.speeds import critical_speeds
+from hbbogie.critical.speeds import criticals
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import named, pair, whole
 from hbbogie.exact.critical import CriticalValues, NominalDesign, nominal_design
@@ -66,7 +66,7 @@ def smallest_critical(
     span = (float(interval[0]), float(interval[1])) if interval else default_reach(system, parameter)
     if method == "batch":
         return _alone(system, parameter, span, gradients)
-    found = critical_speeds(system, parameter, span, method=method, harmonics=harmonics)
+    found = criticals(system, parameter, span, method, harmonics, lowest=True)
     hopfs = [c for c in found if c.kind == "hopf"]
     folds = [c for c in found if c.kind == "fold" and (not hopfs or c.value < hopfs[0].value)]
     outputs: Outputs = {"kind": "", "folds": len(folds), "hopfs": len(hopfs), "complete": float(found.complete)}

@@ -85,3 +85,11 @@ def test_a_limit_of_time_leaves_what_was_found():
     assert not found.complete and "time limit" in found.undecided[0]
     with pytest.raises(hb.ModelError, match="limit: got -1"):
         hb.critical_speeds(rises_then_falls(), "mu", (-2.0, 2.0), limit=-1)
+
+
+def test_a_fold_below_the_interval_counts_where_its_branch_begins_inside():
+    """Bautin: the fold is at mu = -a^2/4, and cycles exist at the beginning of the interval."""
+    bautin = hb.load_problem("bautin").bautin()
+    found = hb.critical_speeds(bautin, "mu", (-0.2, 0.3))
+    assert [c.kind for c in found] == ["fold", "hopf"] and found[0].value == pytest.approx(-0.25, abs=1e-9)
+    assert [c.kind for c in hb.critical_speeds(bautin, "mu", (0.1, 0.3))] == []
