@@ -54,8 +54,7 @@ def chosen_methods(
     if is_switched_linear(system):
         return ("exact", "mhb")
     jumps = any(element.heights is not None for element in system.elements)
-    kinked = any(element.ramps is not None for element in system.elements)
-    return ("mhb",) if jumps or (kinked and along is not None) else ("mhb", "collocation")
+    return ("mhb",) if jumps else ("mhb", "collocation")
 
 
 def is_switched_linear(system: System) -> bool:

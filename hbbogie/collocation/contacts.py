@@ -11,6 +11,7 @@ from hbbogie.stability.variation import Waveform
 
 Array = NDArray[np.float64]
 MET = 1e-12  # distance of a contact time from a point of the mesh, as a share of the period, up to which it is there
+SETTLED = 1e-12  # change of the scaled unknowns below which contact times are right, as of one that only just touches
 
 
 def contact_times(equations: OnMesh, u: Array) -> Array:
@@ -23,11 +24,6 @@ def contact_times(equations: OnMesh, u: Array) -> Array:
     at = dict(zip(system.parameter_names, map(float, p), strict=True))
     orbit = cycle_of(system, equations.mesh, values, T, at, equations.advance).orbit()
     return Waveform(system, orbit, p).switchings() / (2 * np.pi)
-
-
-def met(mesh: Array, times: Array) -> bool:
-    """Tell whether every one of some times is a point of the mesh."""
-    return bool((np.abs(mesh[:, None] - times).min(axis=0) <= MET).all()) if len(times) else True
 
 
 def through(mesh: Array, times: Array) -> Array:
@@ -44,3 +40,14 @@ def through(mesh: Array, times: Array) -> Array:
             mesh[k] = time
             taken.add(k)
     return np.sort(np.append(mesh, added))
+
+
+def through_contacts(equations: OnMesh, u: Array) -> Array | None:
+    """Return the mesh with a solution's own contact times as points; None where it has them and all sides are right."""
+    if not equations.rates.kinked:
+        return None
+    times = contact_times(equations, u)
+    mesh = through(equations.mesh, times)
+    if len(mesh) != len(equations.mesh) or np.abs(mesh - equations.mesh).max() > 0:
+        return mesh
+    return None if np.array_equal(equations.sides_at(mesh, u), equations.sides) else mesh  # type: ignore[arg-type]

@@ -37,6 +37,8 @@ class OnMesh:
         A cycle near by, whose phase is taken.
     advance : tuple of float
         By how much each coordinate grows in a period; empty where none runs on.
+    sides : ndarray, shape (N, number of ramps), optional
+        1 where a ramp of a piecewise-linear law acts in an interval, else 0; where left out by the states.
     """
 
     rates: Rates
@@ -47,6 +49,7 @@ class OnMesh:
     p: Array
     reference: Array
     advance: tuple[float, ...] = ()
+    sides: Array | None = None
 
     __repr__ = brief
 
@@ -111,8 +114,19 @@ class OnMesh:
         """Return the equations on another mesh or of another degree, and the unknowns carried over to it."""
         values, T, parameter = self.unpack(u)
         values = evaluated(self.mesh, values, points_of(mesh, m))
-        there = replace(self, mesh=mesh, m=m, reference=values)
+        sides = self.sides if mesh is self.mesh else self.sides_at(mesh, u)
+        there = replace(self, mesh=mesh, m=m, reference=values, sides=sides)
         return there, there.pack(values, T, parameter)
+
+    def sides_at(self, mesh: Array, u: Array) -> Array | None:
+        """Return where ramps act amid the intervals of some mesh, shape (N, number of ramps)."""
+        middle = evaluated(self.mesh, self.unpack(u)[0], 0.5 * (mesh[:-1] + mesh[1:]))
+        return self.rates.sides(middle, self.parameters(u))
+
+    @property
+    def sides_of_stages(self) -> Array | None:
+        """Where ramps act, for each stage, shape (N m, number of ramps)."""
+        return None if self.sides is None else np.repeat(self.sides, self.m, axis=0)
 
     def at_phase(self, u: Array) -> OnMesh:
         """Return the equations with the phase taken from unknowns."""
@@ -123,7 +137,7 @@ class OnMesh:
         g = self.gauss
         values, T, _ = self.unpack(u)
         stages, states = values[:, 1:], values[:, 0]
-        f, A, slope = self.rates(stages.reshape(-1, self.n), self.parameters(u))
+        f, A, slope = self.rates(stages.reshape(-1, self.n), self.parameters(u), self.sides_of_stages)
         shape, h = stages.shape, np.diff(self.mesh)[:, None, None] * T
         f = h * (f / self.size).reshape(shape)
         slope = h * (slope * (self.width / self.size)).reshape(shape)

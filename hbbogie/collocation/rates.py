@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, of_kind
+from hbbogie.model.dynamics import state_of
 from hbbogie.model.system import System
+from hbbogie.stability.variation import contacts_of, on_lines
 
 Array = NDArray[np.float64]
 
@@ -24,40 +26,43 @@ class Rates:
     Raises
     ------
     ModelError
-        When an element jumps, or is piecewise linear and a parameter is given.
+        When an element jumps.
     """
 
     def __init__(self, system: System, parameter: str | None = None):
         of_kind("Rates: system", system, System)
-        kinked = [e.name for e in system.elements if e.ramps is not None]
         jumping = [e.name for e in system.elements if e.heights is not None]
-        if kinked and (parameter is not None or jumping):
-            what = "jumps" if jumping else "is piecewise linear"
+        if jumping:
             raise ModelError(
-                f"system {system.name!r}: collocation needs smooth equations{'' if jumping else ' for a branch'}, and "
-                f'element {(jumping or kinked)[0]!r} {what}; take the method "exact" (hbbogie.exact) where the rest '
-                "is linear, else HarmonicBalance."
+                f"system {system.name!r}: collocation needs continuous equations, and element {jumping[0]!r} jumps; "
+                'take the method "exact" (hbbogie.exact) where the rest is linear, else HarmonicBalance.'
             )
-        self.kinked = bool(kinked)
+        self.kinked = any(e.ramps is not None for e in system.elements)
         self.system, self.parameter = system, parameter
         self.place = None if parameter is None else system.parameter_names.index(system.parameter(parameter).name)
 
-    def __call__(self, x: Array, p: Array) -> tuple[Array, Array, Array]:
+    def __call__(self, x: Array, p: Array, sides: Array | None = None) -> tuple[Array, Array, Array]:
         """Return f, its derivative in the state, and that in the parameter.
 
         Parameters
         ----------
         x : ndarray, shape (K, n_states)
         p : ndarray, shape (number of parameters,)
+        sides : ndarray, shape (K, number of ramps), optional
+            1 where a ramp of a piecewise-linear law acts, else 0, see `sides`; by the states where left out.
 
         Returns
         -------
         ndarray, shape (K, n_states), (K, n_states, n_states) and (K, n_states)
         """
         K, n = x.shape
-        function = self.system.once(("rates", self.place, K), lambda: _mapped(self.system, self.place, K))
+        given = sides is not None and self.kinked
+        key = ("rates", self.place, K, given)
+        function = self.system.once(key, lambda: _mapped(self.system, self.place, K, given))
         buffer, evaluate = function.buffer()  # without copies to and from CasADi's matrices
         arguments = np.ascontiguousarray(x), np.ascontiguousarray(p)
+        if given:
+            arguments += (np.ascontiguousarray(sides, dtype=float),)
         f, A, slope = np.empty((K, n)), np.empty((K, n, n)), np.empty((K, n))
         for i, values in enumerate(arguments):
             buffer.set_arg(i, values.data)
@@ -66,30 +71,70 @@ class Rates:
         evaluate()
         return f, A.swapaxes(1, 2), slope
 
-    def sensitivity(self, x: Array, p: Array, weights: Array) -> Array:
+    def sides(self, x: Array, p: Array) -> Array | None:
+        """Return where the ramps of piecewise-linear laws act, shape (K, number of ramps); None where there are none.
+
+        Parameters
+        ----------
+        x : ndarray, shape (K, n_states)
+        p : ndarray, shape (number of parameters,)
+        """
+        if not self.kinked:
+            return None
+        depths = self.system.once("depths", lambda: _depths(self.system))
+        return np.asarray(depths(x.T, p).full().T > 0, dtype=float)
+
+    def sensitivity(self, x: Array, p: Array, weights: Array, sides: Array | None = None) -> Array:
         """Return the sum over the states of weights . df/dp, shape (number of parameters,).
 
         Parameters
         ----------
         x, weights : ndarray, shape (K, n_states)
         p : ndarray, shape (number of parameters,)
+        sides : ndarray, shape (K, number of ramps), optional
+            As of a call.
         """
-        function = self.system.once(("rates in all parameters", len(x)), lambda: _sensitivity(self.system, len(x)))
-        return np.asarray(function(x.T, p, weights.T).full().sum(axis=1))
+        given = sides is not None and self.kinked
+        key = ("rates in all parameters", len(x), given)
+        function = self.system.once(key, lambda: _sensitivity(self.system, len(x), given))
+        arguments = (x.T, p, weights.T, sides.T) if sides is not None and given else (x.T, p, weights.T)
+        return np.asarray(function(*arguments).full().sum(axis=1))
 
 
-def _mapped(system: System, place: int | None, K: int) -> ca.Function:
+def _rates(system: System, given: bool) -> tuple[ca.SX, ca.SX, list[ca.SX], ca.SX]:
+    """Return state, parameters, where ramps act if that is given, and the rates."""
     x, p = ca.SX.sym("x", system.n_states), ca.SX.sym("p", len(system.parameters))
-    f = system.ode(x, p)
+    if not given:
+        return x, p, [], system.ode(x, p)
+    q, v, lines, p, _, rates, contacts = on_lines(system)
+    sides, straight, k = ca.SX.sym("sides", sum(len(e.directions) for e in contacts)), [], 0
+    for e in contacts:
+        offset, stiffness, rise, threshold = e.ramps(p)
+        own = sides[k : k + len(e.directions)]
+        straight += [stiffness + ca.dot(own, rise), offset - ca.dot(own * ca.DM(e.directions), rise * threshold)]
+        k += len(e.directions)
+    return state_of(system.dynamics, q, v), p, [sides], ca.substitute(rates, lines, ca.vertcat(*straight))
+
+
+def _depths(system: System) -> ca.Function:
+    x, p, _, f = _rates(system, False)
+    q, v = x[: system.n], f[: system.n]
+    depths = []
+    for e in contacts_of(system):
+        depths.append(ca.DM(e.directions) * e.argument(q, v, p) - e.ramps(p)[3])
+    return ca.Function("depths", [x, p], [ca.vertcat(*depths)])
+
+
+def _mapped(system: System, place: int | None, K: int, given: bool) -> ca.Function:
+    x, p, sides, f = _rates(system, given)
     slope = ca.SX.zeros(system.n_states) if place is None else ca.jacobian(f, p[place])
     outputs = [ca.densify(f), ca.vec(ca.densify(ca.jacobian(f, x))), ca.densify(slope)]
-    one = ca.Function("rates", [x, p], outputs)
+    one = ca.Function("rates", [x, p, *sides], outputs)
     return one.map("rates", "serial", K, [1], [])
 
 
-def _sensitivity(system: System, K: int) -> ca.Function:
-    x, p, w = (
-        ca.SX.sym(s, k) for s, k in (("x", system.n_states), ("p", len(system.parameters)), ("w", system.n_states))
-    )
-    one = ca.Function("sensitivity", [x, p, w], [ca.densify(ca.jtimes(system.ode(x, p), p, w, True))])
+def _sensitivity(system: System, K: int, given: bool) -> ca.Function:
+    x, p, sides, f = _rates(system, given)
+    w = ca.SX.sym("w", system.n_states)
+    one = ca.Function("sensitivity", [x, p, w, *sides], [ca.densify(ca.jtimes(f, p, w, True))])
     return one.map("sensitivity", "serial", K, [1], [])

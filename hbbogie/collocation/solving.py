@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.collocation.contacts import contact_times, met, through
+from hbbogie.collocation.contacts import SETTLED, contact_times, through, through_contacts
 from hbbogie.collocation.cycle import CollocatedCycle, cycle_of
 from hbbogie.collocation.equations import Linearised, OnMesh
 from hbbogie.collocation.mesh import equidistributed
@@ -74,7 +74,8 @@ def on_mesh(rates: Rates, guess: CollocatedCycle, width: float = 1.0) -> tuple[O
         check_advance(system.dynamics, guess.advance)
     equations = OnMesh(rates, guess.mesh, guess.degree, size, width, p, guess.values, guess.advance)
     value = 0.0 if rates.place is None else float(p[rates.place])
-    return equations, equations.pack(guess.values, guess.period, value)
+    u = equations.pack(guess.values, guess.period, value)
+    return replace(equations, sides=equations.sides_at(guess.mesh, u)), u
 
 
 def newton(equations: OnMesh, u: Array, tolerance: float = RESIDUAL) -> tuple[Array, Linearised]:
@@ -190,11 +191,13 @@ def settled(equations: OnMesh, u: Array, line: Linearised) -> tuple[OnMesh, Arra
         When the times do not settle.
     """
     for _ in range(SETTLING):
-        times = contact_times(equations, u)
-        if met(equations.mesh, times):
+        mesh = through_contacts(equations, u)
+        if mesh is None:
             return equations, u, line
-        equations, u = equations.moved(through(equations.mesh, times), equations.m, u)
-        u, line = newton(equations, u)
+        equations, before = equations.moved(mesh, equations.m, u)
+        u, line = newton(equations, before)
+        if np.abs((u - before) / equations.scale).max() <= SETTLED:
+            return equations, u, line
     raise ConvergenceError(
         f"system {equations.rates.system.name!r}: the contact times did not settle on the mesh; a contact may only "
         "just touch. Take HarmonicBalance, or other parameters."

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.collocation.adaption import lifted
+from hbbogie.collocation.adaption import Placed, chord, lifted, located_between
 from hbbogie.collocation.curve import OnMeshCurve
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.multipliers import spectrum_of
 from hbbogie.collocation.solving import errors_of, finished
-from hbbogie.solving.arclength import distance, located
+from hbbogie.solving.arclength import distance, located, product
 from hbbogie.solving.curve import Point
 from hbbogie.stability.crossing import description
 
 Array = NDArray[np.float64]
 LOCATED = 1e-2  # share to which a test function has fallen where it is located, else it jumps
+FLAT = 1e-9  # size of a test function that is round-off
 KINDS = ("fold", "branch point", "period doubling", "Neimark-Sacker")
 
 
@@ -105,20 +107,54 @@ def turning(found: list[Special], values: Array, noise: float) -> list[Special]:
     return found
 
 
+def special_along(points: list[Placed], kinds: tuple[str, ...]) -> list[Special]:
+    """Locate what happens between successive points that have meshes of their own, in their order."""
+    found = []
+    for kind in kinds:
+        values = [curve.value(kind, point) for curve, point in points]
+        for k in range(len(values) - 2, -1, -1):  # next to a family the sign of what is zero is round-off
+            values[k] = values[k] if abs(values[k]) > FLAT else FLAT * float(np.sign(values[k + 1]))
+        for place, (x, y) in enumerate(pairwise(values)):
+            if not x * y < 0:
+                continue
+            a, b = points[place : place + 2]
+            (curve, point), error = located_between(a, b, partial(_value, kind))
+            way = chord(a, b, curve.equations)
+            turn = b[1].tangent[-1] - a[1].tangent[-1]
+            special = _special(curve, kind, point, error, min(abs(x), abs(y)), way, float(turn))
+            found += [] if special is None else [replace(special, place=place)]
+    return sorted(found, key=lambda s: s.place)
+
+
+def _value(kind: str, curve: OnMeshCurve, point: Point) -> float:
+    return curve.value(kind, point)
+
+
 def _located(curve: OnMeshCurve, kind: str, a: Point, b: Point, size: float) -> Special | None:
     """Return the special point between two others; None where the test function jumps."""
     met = located(curve, a, b, lambda point: curve.value(kind, point))
     if met is None:
         return None
-    point, error = met
+    way, turn = (b.u - a.u) / curve.scale, float(b.tangent[-1] - a.tangent[-1])
+    return _special(curve, kind, *met, size, way, turn)
+
+
+def _special(
+    curve: OnMeshCurve, kind: str, point: Point, error: float, size: float, way: Array, turn: float
+) -> Special | None:
+    """Return a special point located with an error; None where the test function, at most some size, has jumped.
+
+    ``way`` goes from the point before it to the one behind, over which the share of the parameter in the tangent
+    changes by ``turn``.
+    """
     left = abs(curve.value(kind, point))
     if left > max(LOCATED * size, 1e-7):
         return None
     value, extremum, curvature = float(point.u[-1]), "", float("nan")
     reach = error * abs(float(point.tangent[-1])) * curve.equations.width + 1e-12 * abs(value)
     if kind == "fold":
-        extremum = "minimum" if a.tangent[-1] < 0 else "maximum"
-        curvature = float(b.tangent[-1] - a.tangent[-1]) / distance(curve, a, b) * curve.equations.width
+        extremum = "minimum" if turn > 0 else "maximum"
+        curvature = turn / product(curve, point.tangent, way) * curve.equations.width
         named = "smallest" if extremum == "minimum" else "largest"
         status = f"{named} value of {curve.parameter} along the branch; slope {left:.1e} where located"
     elif kind == "Neimark-Sacker":
@@ -132,8 +168,7 @@ def _located(curve: OnMeshCurve, kind: str, a: Point, b: Point, size: float) -> 
         status = description(kind, values[np.argmin(np.abs(values + 1))], half=False)
     else:
         status = f"another branch crosses; smallest singular value {left:.1e} where located"
-    chord = (b.u - a.u) / curve.scale
-    return Special(kind, curve, point, chord, value, reach, extremum, status, curvature)
+    return Special(kind, curve, point, way, value, reach, extremum, status, curvature)
 
 
 def fold_gradient(curve: OnMeshCurve, point: Point) -> dict[str, float]:
@@ -142,6 +177,8 @@ def fold_gradient(curve: OnMeshCurve, point: Point) -> dict[str, float]:
     factors = line.adjoint(curve.weights * point.tangent)
     values, T, _ = e.unpack(point.u)
     weights = np.einsum("ijn,jk->ikn", factors, e.gauss.a) * (np.diff(e.mesh) * T)[:, None, None] * e.width / e.size
-    slopes = e.rates.sensitivity(values[:, 1:].reshape(-1, e.n), e.parameters(point.u), weights.reshape(-1, e.n))
+    slopes = e.rates.sensitivity(
+        values[:, 1:].reshape(-1, e.n), e.parameters(point.u), weights.reshape(-1, e.n), e.sides_of_stages
+    )
     names = e.rates.system.parameter_names
     return {name: float(s) for name, s in zip(names, slopes, strict=True) if name != e.rates.parameter}

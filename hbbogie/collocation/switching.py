@@ -47,6 +47,7 @@ def _passed(equations: OnMesh, u: Array, tangent: Array, times: int) -> tuple[On
     values, T, parameter = equations.unpack(u)
     mesh = np.append(np.concatenate([(k + equations.mesh[:-1]) / times for k in range(times)]), 1.0)
     values = np.tile(values, (times, 1, 1))
-    there = replace(equations, mesh=mesh, reference=values)
+    sides = None if equations.sides is None else np.tile(equations.sides, (times, 1))
+    there = replace(equations, mesh=mesh, reference=values, sides=sides)
     stages, states, last = np.split(tangent, [equations.N * equations.m * equations.n, len(tangent) - 2])
     return there, there.pack(values, times * T, parameter), np.concatenate([*[stages] * times, *[states] * times, last])

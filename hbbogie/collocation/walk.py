@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.collocation.adaption import adapted_to, curve_at, error_at, refined
+from hbbogie.collocation.adaption import Placed, adapted_to, curve_at, error_at, located_between, refined
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import FIRST, MOST, Guess, check_guess, on_mesh
-from hbbogie.collocation.special import KINDS, Special, judged, special_between, turning
+from hbbogie.collocation.special import KINDS, Special, judged, special_along, special_between, turning
 from hbbogie.collocation.starting import Sampled
 from hbbogie.errors import ModelError, door, pair
 from hbbogie.model.ranges import check_interval, check_start
@@ -29,6 +29,11 @@ Array = NDArray[np.float64]
 FEW = 5  # points between two adaptions of the mesh
 SLACK = 10.0  # by which the error may exceed the tolerance between two adaptions
 COARSEST = 1e3  # error of a first point that is round-off, as of a small cycle about a large mean, and not a wrong one
+SHORTEST = 1e-5  # step that is not shortened any more for contacts that change
+NEAR = 0.3  # distance, in units of a step, by which contacts that change may move its end
+PATIENCE = 6  # points at one value of the parameter after which a branch counts as a family
+FLAT, MEMBER = 1e-8, 1e-3  # share of the parameter in their tangents, and distance of a further multiplier from 1
+AT = {"interval": -1, "period": -2}  # which unknown has reached its limit at an ending
 GROWN = 1e4  # period, relative to that of the start, at which a branch ends
 
 
@@ -50,21 +55,31 @@ class Followed:
     ----------
     stretches : list of Stretch
         In the order of the branch; the last point of one is the first of the next, on another mesh.
+    begun : int
+        Place of the stretch at the beginning of which the branch was begun, from where it was followed both ways.
     ends : (Ending, Ending)
     tolerance : float
         Error of period, states and parameter that was asked for.
     """
 
     stretches: list[Stretch]
+    begun: int
     ends: tuple[Ending, Ending]
     tolerance: float
 
     __repr__ = brief
 
     def points(self) -> Iterator[tuple[OnMeshCurve, Point]]:
-        """Yield the points in order, each once."""
+        """Yield the points in order, each once, those on two meshes on the one that was adapted to them."""
+        last = len(self.stretches) - 1
         for k, stretch in enumerate(self.stretches):
-            yield from ((stretch.curve, point) for point in stretch.points[k > 0 :])
+            begin, end = 0 < k < self.begun, k + 1 == self.begun or self.begun <= k < last
+            yield from ((stretch.curve, point) for point in stretch.points[begin : len(stretch.points) - end])
+
+    @property
+    def kinked(self) -> bool:
+        """Whether elements are piecewise linear, so that each point has a mesh of its own."""
+        return self.stretches[0].curve.equations.rates.kinked
 
     @property
     def values(self) -> Array:
@@ -80,7 +95,9 @@ class Followed:
         """Locate what happens between the points, in the order of the branch."""
         found: list[Special] = []
         first = 0
-        for stretch in self.stretches:
+        if self.kinked:
+            found += special_along(list(self.points()), kinds)
+        for stretch in [] if self.kinked else self.stretches:
             found += [replace(s, place=first + s.place) for s in special_between(stretch.curve, stretch.points, kinds)]
             first += len(stretch.points) - 1
         width = self.stretches[0].curve.equations.width
@@ -89,6 +106,9 @@ class Followed:
     def crossings(self, value: float) -> Iterator[tuple[int, CollocatedCycle]]:
         """Yield the cycles at a value of the parameter, each with the number of folds before it."""
         folds = self.special(("fold",))
+        if self.kinked:
+            yield from _crossings(list(self.points()), folds, value)
+            return
         first = part = 0
         for stretch in self.stretches:
             for k, (a, b) in enumerate(pairwise(stretch.points), first):
@@ -154,12 +174,12 @@ def follow(
     options = {"step": step, "longest": longest, "most": most, "progress": progress}
     ahead, end = _walk(curve, first, tolerance, **options)  # type: ignore[arg-type]
     if grows:
-        return Followed(ahead, (Ending("began", "began here, with a small cycle"), end), tolerance)
+        return Followed(ahead, 0, (Ending("began", "began here, with a small cycle"), end), tolerance)
     if end.kind == "closed":
-        return Followed(ahead, (end, end), tolerance)
+        return Followed(ahead, 0, (end, end), tolerance)
     back, beginning = _walk(curve, first.turned(), tolerance, **options)  # type: ignore[arg-type]
     turned = [Stretch(s.curve, [p.turned() for p in s.points[::-1]]) for s in back[::-1]]
-    return Followed([*turned, *ahead], (beginning, end), tolerance)
+    return Followed([*turned, *ahead], len(turned), (beginning, end), tolerance)
 
 
 def _first(
@@ -203,21 +223,32 @@ def _walk(
     stretches: list[Stretch] = []
     start, length, count = _signature(curve, first), step, 0
     second: Array | None = None
+    kinked = curve.equations.rates.kinked
+    few = 2 if kinked else FEW + 1
 
     def say(point: Point) -> None:
         if progress:
             progress(float(point.u[-1]))
 
     while True:
-        points, end = walk(curve, first, step=length, longest=longest, most=FEW + 1, progress=say)
+        points, end = walk(curve, first, step=length, longest=longest, most=few, progress=say)
         if end.kind == "stuck" and len(points) == 1 and (finer := adapted_to(curve, first, 2 * curve.equations.N)):
             curve, first = finer
-            points, end = walk(curve, first, step=length, longest=longest, most=FEW + 1, progress=say)
+            points, end = walk(curve, first, step=length, longest=longest, most=few, progress=say)
         while len(points) > 2 and error_at(curve, points[-1]) > SLACK * tolerance:  # the mesh is no longer right
             points, end = points[: len(points) // 2 + 1], Ending("points")
+        over, there, growth = end.kind not in ("points", "stuck") or len(points) == 1, None, 1.0
+        if kinked and len(points) > 1:
+            there = _settled(curve, points[-1], end, tolerance)
+            moved = _moved(curve, points[-1], *there) / length if there else np.inf
+            if length > SHORTEST and moved > NEAR:
+                length /= 4  # the contacts change by too much
+                continue
+            growth = 1.5 if moved < 0.2 * NEAR else 1.0
         stretches.append(Stretch(curve, points))
         count += len(points) - 1
-        if end.kind not in ("points", "stuck") or len(points) == 1:
+        if over:
+            stretches += [Stretch(there[0], [there[1]])] if there else []
             return stretches, _said(curve, points[-1], end)
         marks = [_signature(curve, point) for point in points]
         second = marks[1] if second is None else second
@@ -225,12 +256,56 @@ def _walk(
             return stretches, Ending("closed", "the branch closes on itself")
         if count >= most:
             return stretches, Ending("points", f"the largest number of points, {most}, was reached")
-        length = min(gap(curve, points[-2], points[-1]), longest)
-        there = refined(curve, points[-1], tolerance)
+        if _family([(s.curve, point) for s in stretches[-PATIENCE:] for point in s.points[1:]]):
+            what = f"{curve.where(points[-1].u)} does not vary along the branch: a family of cycles"
+            return stretches, Ending("family", f"{what}, as of a conservative or a linear system")
+        length = min(growth * gap(curve, points[-2], points[-1]), longest)
+        there = there or refined(curve, points[-1], tolerance)
         if there is None:
             what = f"no further point was found beyond {curve.where(points[-1].u)}: the mesh could not be adapted"
             return stretches, _said(curve, points[-1], Ending("stuck", what))
         curve, first = there
+
+
+def _settled(curve: OnMeshCurve, point: Point, end: Ending, tolerance: float) -> tuple[OnMeshCurve, Point] | None:
+    """Return a point with its own contact times on the mesh, at a limit with the unknown that has reached it."""
+    if end.kind in AT:
+        return adapted_to(curve, point, curve.equations.N, AT[end.kind])
+    return refined(curve, point, tolerance)
+
+
+def _moved(curve: OnMeshCurve, point: Point, there: OnMeshCurve, found: Point) -> float:
+    """Return by how much contact times on the mesh have moved a point."""
+    sizes = []
+    for c, p in ((curve, point), (there, found)):
+        e, stages = c.equations, c.equations.unpack(p.u)[0][:, 1:] / there.largest
+        means = [np.einsum("ij,ijn->n", e.measure, power) for power in (stages, stages**2)]
+        sizes.append(np.concatenate([[p.u[-1] / e.width, p.u[-2]], means[0], np.sqrt(means[1])]))
+    return float(np.linalg.norm(sizes[1] - sizes[0]))
+
+
+def _family(points: list[tuple[OnMeshCurve, Point]]) -> bool:
+    """Tell whether the last cycles are members of a family, and not of a branch that is steep, as that of canards."""
+    last = points[-PATIENCE:]
+    if len(last) < PATIENCE or any(abs(point.tangent[-1]) > FLAT for _, point in last):
+        return False
+    return all(np.abs(curve.spectrum(point).others - 1).min(initial=np.inf) < MEMBER for curve, point in last)
+
+
+def _crossings(points: list[Placed], folds: list[Special], value: float) -> Iterator[tuple[int, CollocatedCycle]]:
+    """Yield the cycles at a value of the parameter among points on their own meshes; see `Followed.crossings`."""
+    part = 0
+    for k, (a, b) in enumerate(pairwise(points)):
+        inside = [(fold.curve, fold.point) for fold in folds if fold.place == k]
+        for i, (here, there) in enumerate(pairwise([a, *inside, b])):
+            part += i > 0
+            low, high = sorted((here[1].u[-1], there[1].u[-1]))
+            if low <= value < high:
+                yield part, judged(*located_between(here, there, partial(_beyond, value))[0])
+
+
+def _beyond(value: float, curve: OnMeshCurve, point: Point) -> float:
+    return _off(value, point)
 
 
 def _off(value: float, point: Point) -> float:

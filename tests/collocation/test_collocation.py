@@ -129,8 +129,6 @@ def test_method_in_solve():
 
 
 def test_what_is_refused():
-    with pytest.raises(ModelError, match=r"hbbogie\.exact"):
-        Rates(load_problem("yang1995").bogie(), "V")
     with pytest.raises(ModelError, match="degree"):
         Collocation(degree=1)
     with pytest.raises(ModelError, match="intervals"):

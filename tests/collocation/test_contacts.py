@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.collocation import Collocation, Rates, collocated, from_motion
+from hbbogie.collocation import Collocation, collocated, from_motion
 from hbbogie.exact import Exact
 from hbbogie.model import CoulombFriction, DeadBand
 
@@ -53,11 +53,59 @@ def test_contact_times_are_points_of_the_mesh(stopped):
     assert np.count_nonzero(at_points < 1e-10) == 4
 
 
-def test_what_is_refused(bogie, cycles_at_90, stopped):
-    with pytest.raises(hb.ModelError, match=r'for a branch.*piecewise linear; take the method "exact"'):
-        hb.trace(Collocation().equations(bogie), cycles_at_90[0], "V", (60.0, 190.0))
-    with pytest.raises(hb.ModelError, match="for a branch"):
-        Rates(stopped, "mu")
+@pytest.fixture(scope="module")
+def around_the_fold(bogie, cycles_at_90) -> hb.Branch:
+    return hb.trace(Collocation().equations(bogie), cycles_at_90[1], "V", (88.0, 91.5))
+
+
+def test_branch_of_the_bogie_around_its_fold(bogie, around_the_fold):
+    """The exact cycles are the truth on both sides of the fold, 88.7641131943 m/s, and of the grazing next to it."""
+    branch, exact = around_the_fold, Exact().equations(bogie)
+    (fold,) = branch.folds()
+    assert fold.value == pytest.approx(88.7641131943, abs=1e-8)
+    touching = [o for o in branch.orbits if o.amplitude("q1") > 0.0093 and abs(o.parameters["V"] - fold.value) > 1e-4]
+    assert len(touching) > 8
+    for orbit in touching[:: len(touching) // 4]:
+        assert orbit.omega == pytest.approx(exact.solve(orbit, V=orbit.parameters["V"]).omega, rel=1e-9)
+    assert {"stable", "unstable"} <= set(branch.verdicts)
+
+
+def test_the_last_contact_is_lost_in_a_grazing(around_the_fold):
+    """Beyond it the system is linear: cycles of all amplitudes at the Hopf point's value, after a few of which it ends."""
+    end = around_the_fold.ends[0] if "family" in str(around_the_fold.ends[0]) else around_the_fold.ends[1]
+    assert end.kind == "family"
+    assert "V = 90.973978" in str(end)
+
+
+def test_fold_of_the_bogie_with_its_gradient(bogie, around_the_fold):
+    near = around_the_fold.folds()[0]
+    found, exact = (hb.fold(m.equations(bogie), near, "V") for m in (Collocation(), Exact()))
+    assert found.value == pytest.approx(exact.value, rel=1e-9)
+    size = max(abs(exact.gradient[k] * bogie.values[k]) for k in exact.gradient)
+    for name, slope in exact.gradient.items():
+        assert found.gradient[name] * bogie.values[name] == pytest.approx(slope * bogie.values[name], abs=1e-7 * size)
+
+
+def test_a_branch_past_a_grazing():
+    """Beyond a gap of 2.00861986087, the peak of van der Pol's free cycle at mu = 1, its period is free of the gap."""
+    gap = hb.Parameter("gap", 1.7)
+    stop = hb.Element("stop", DeadBand(5.0, gap), X)
+    system = hb.System("stopped", [X], [MU, gap], [X.ddot - MU * (1 - X**2) * X.dot + X + stop], [stop])
+    equations = Collocation().equations(system)
+    start = equations.cycle(from_motion(system, [2.0, 0.0])).orbit()
+    branch = hb.trace(equations, start, "gap", (1.6, 2.3))
+    assert [end.kind for end in branch.ends] == ["interval", "interval"] and not branch.special
+    for orbit in branch.orbits:
+        free = orbit.parameters["gap"] > 2.00861986087484314
+        assert (abs(orbit.period / 6.66328685932313019 - 1) < 1e-8) == free
+        assert orbit.errors["omega"] < 1e-8 * orbit.omega
+    for value in (1.6, 1.95):
+        near = min(branch.orbits, key=lambda o: abs(o.parameters["gap"] - value))
+        truth = hb.verify(system, near)
+        assert near.period == pytest.approx(truth.orbit.period, rel=1e-8)
+
+
+def test_what_is_refused():
     friction = hb.Element("friction", CoulombFriction(0.1), X.dot)
     dry = hb.System("dry", [X], [MU], [X.ddot - MU * (1 - X**2) * X.dot + X + friction], [friction])
     with pytest.raises(hb.ModelError, match="element 'friction' jumps"):
