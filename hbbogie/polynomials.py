@@ -76,6 +76,39 @@ def points_of(mesh: Array, m: int) -> Array:
     return np.asarray(mesh[:-1, None] + np.diff(mesh)[:, None] * np.append(0.0, gauss(m).c))
 
 
+def moved(mesh: Array, values: Array, onto: Array, m: int) -> Array:
+    """Return a piecewise polynomial at the beginnings and Gauss points of another mesh or degree, shape (N, m + 1, n).
+
+    Parameters
+    ----------
+    mesh : ndarray, shape (M + 1,)
+    values : ndarray, shape (M, degree + 1, n)
+        At the beginnings of the intervals and their Gauss points.
+    onto : ndarray, shape (N + 1,)
+    m : int
+        Number of Gauss points there.
+    """
+    return _raised(values.shape[1] - 1, m) @ values if onto is mesh else evaluated(mesh, values, points_of(onto, m))
+
+
+@lru_cache
+def slopes_of(m: int) -> Array:
+    """Return the matrix from values at 0 and at the Gauss points of an interval to the derivatives there."""
+    return gauss(m).basis(np.append(0.0, gauss(m).c), 1)
+
+
+@lru_cache
+def within(m: int, parts: int) -> Array:
+    """Return the matrix from values at 0 and at the Gauss points to those where equal parts of an interval begin."""
+    return gauss(m).basis(np.arange(parts) / parts)
+
+
+@lru_cache
+def _raised(degree: int, m: int) -> Array:
+    """Return the matrix from values at the points of one degree to those of another on the same interval."""
+    return gauss(degree).basis(np.append(0.0, gauss(m).c))
+
+
 def evaluated(mesh: Array, values: Array, s: Array, derivative: int = 0) -> Array:
     """Return a piecewise polynomial, or its derivative, at shares s of the period.
 

@@ -26,7 +26,7 @@ from hbbogie.results.orbit import Orbit
 BEGINNING = ("branch point", "pitchfork", "period doubling")  # special points at which another branch begins
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle
 SMALLEST = 1e-3  # amplitude of the first cycle from a Hopf point, relative to the mean of each coordinate
-NEAR = 0.05  # share of a fold's value, or of 1, over which it is looked for
+NEAR = (0.002, 0.05)  # shares of a fold's value, or of 1, over which it is looked for, in turn
 
 
 def followed_from(
@@ -141,10 +141,12 @@ def collocated_fold(equations: CollocationEquations, guess: Orbit | SpecialPoint
     orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess
     value = orbit.parameters.get(parameter, system.values[parameter])
     low, high = system.parameter(parameter).bounds
-    reach = NEAR * max(abs(value), 1.0)
-    followed = followed_from(equations, orbit, parameter, (max(value - reach, low), min(value + reach, high)))
-    folds = followed.special(("fold",))
-    if not folds:
+    for share in NEAR:
+        reach = share * max(abs(value), 1.0)
+        followed = followed_from(equations, orbit, parameter, (max(value - reach, low), min(value + reach, high)))
+        if folds := followed.special(("fold",)):
+            break
+    else:
         raise ConvergenceError(
             f"no fold found within {reach:g} of {parameter} = {value:g} ({equations.method}); locate it first with "
             "trace, and start from branch.folds().",

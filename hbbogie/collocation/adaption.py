@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.collocation.contacts import SETTLED, through_contacts
-from hbbogie.collocation.curve import OnMeshCurve
+from hbbogie.collocation.curve import OnMeshCurve, lifted
 from hbbogie.collocation.equations import OnMesh
-from hbbogie.collocation.solving import FIRST, MOST, SETTLING, adapted, errors_of
-from hbbogie.polynomials import evaluated, points_of
+from hbbogie.collocation.solving import FIRST, MOST, SETTLING, adapted
 from hbbogie.solving.arclength import advance, correct, product
 from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 RESIDUAL = 1e-7  # largest scaled residual from which one more step of Newton is taken
-COARSER = 1e-4  # share of the tolerance below which there are too many intervals
+AIM = 0.03  # share of the tolerance that the error of a new mesh should have
+ROUND = 8  # multiples of it are numbers of intervals, so that compiled functions are used again
+FARTHEST = 2.0  # largest scaled step towards contact times
 SECANTS, MET = 40, 1e-10  # steps towards a special point, and the length of the last
 Placed = tuple[OnMeshCurve, Point]
 FLOOR = 1e-2  # size of the smallest cycle, relative to the largest, in which it is scaled
@@ -32,16 +33,6 @@ def curve_at(equations: OnMesh, u: Array, interval: tuple[float, float], longest
     return OnMeshCurve(scaled, interval, longest, largest, RESIDUAL)
 
 
-def lifted(equations: OnMesh, tangent: Array, mesh: Array | None = None, m: int | None = None) -> Array:
-    """Return the row that belongs to a tangent on another mesh, of the next degree where no other is given."""
-    degree = equations.m + 1 if m is None else m
-    there = replace(equations, mesh=equations.mesh if mesh is None else mesh, m=degree)
-    k = equations.N * equations.m * equations.n
-    stages, states = tangent[:k].reshape(equations.N, equations.m, -1), tangent[k:-2].reshape(equations.N, 1, -1)
-    values = evaluated(equations.mesh, np.concatenate([states, stages], axis=1), points_of(there.mesh, degree))
-    return there.weights * np.concatenate([values[:, 1:].ravel(), values[:, 0].ravel(), tangent[-2:]])
-
-
 def adapted_to(curve: OnMeshCurve, point: Point, N: int, fixed: int | None = None) -> tuple[OnMeshCurve, Point] | None:
     """Return the point on a new mesh of N intervals, its tangent in the same direction; None where it is lost.
 
@@ -50,47 +41,54 @@ def adapted_to(curve: OnMeshCurve, point: Point, N: int, fixed: int | None = Non
     """
     equations, u = adapted(curve.equations, point.u, N)
     for _ in range(SETTLING):
-        there, found = _across(curve, point, equations, u, fixed)
-        if found is None:
-            return None
-        mesh = through_contacts(there.equations, found.u)
-        if mesh is None or np.abs((found.u - u) / there.scale).max() <= SETTLED:
-            return there, found
-        equations, u = there.equations.moved(mesh, equations.m, found.u)
+        there, along = _onto(curve, point, equations, u)
+        plane = along
+        if fixed is not None:
+            plane = np.zeros(len(u))
+            plane[fixed] = 1.0
+        plane = plane / np.linalg.norm(plane)
+        mesh, step = None, np.zeros(1)
+        if equations.rates.kinked:
+            line = there.linearise(u)
+            try:
+                step, _ = line.solve(plane, -np.append(line.residual, 0.0))
+            except np.linalg.LinAlgError:
+                return None
+            if not np.abs(step).max() <= FARTHEST:
+                return None
+            u = u + there.scale * step
+            mesh = through_contacts(there.equations, u)
+        if mesh is None or np.abs(step).max() <= SETTLED:
+            found, _ = correct(there, u, plane)
+            return None if found is None else (there, found if found.tangent @ along >= 0 else found.turned())
+        equations, u = there.equations.moved(mesh, equations.m, u)
     return None
 
 
-def _across(
-    curve: OnMeshCurve, point: Point, equations: OnMesh, u: Array, fixed: int | None
-) -> tuple[OnMeshCurve, Point | None]:
-    """Return the curve on another mesh and its point near some unknowns, in the direction of a point of the old one."""
+def _onto(curve: OnMeshCurve, point: Point, equations: OnMesh, u: Array) -> tuple[OnMeshCurve, Array]:
+    """Return the curve on another mesh, scaled there, and the row that belongs to the tangent of a point on the old."""
     old, there = curve.equations, curve_at(equations, u, curve.interval, curve.longest, curve.largest)
     ratio = np.append(np.tile(old.size / there.equations.size, equations.N * (old.m + 1)), [1.0, 1.0])
-    along = lifted(old, point.tangent, equations.mesh, old.m) * ratio
-    plane = along
-    if fixed is not None:
-        plane = np.zeros(len(u))
-        plane[fixed] = 1.0
-    found, _ = correct(there, u, plane / np.linalg.norm(plane))
-    return there, found if found is None or found.tangent @ along >= 0 else found.turned()
+    return there, lifted(old, point.tangent, equations.mesh, old.m) * ratio
 
 
 def error_at(curve: OnMeshCurve, point: Point) -> float:
     """Return the estimated error of the period, of the states where intervals begin and of the parameter."""
-    period, states, _, parameter = errors_of(curve.equations, point.u, lifted(curve.equations, point.tangent))[0]
+    period, states, _, parameter = curve.estimate(point)[0]
     return max(period, states, parameter)
 
 
-def refined(curve: OnMeshCurve, point: Point, tolerance: float) -> tuple[OnMeshCurve, Point] | None:
+def refined(curve: OnMeshCurve, point: Point, tolerance: float) -> Placed | None:
     """Return the point on an adapted mesh that meets the tolerance, if it can be; None where it is lost.
 
-    Where twice the intervals do not halve the error it is round-off, as of a small cycle about a large mean.
+    How many intervals that takes follows from the order of the error, 2 m. Where more of them do not halve it, it is
+    round-off, as of a small cycle about a large mean.
     """
     N, found, least = curve.equations.N, None, np.inf
-    if N > FIRST and error_at(curve, point) < COARSER * tolerance:
-        N = max(N // 2, FIRST)
+    order = 2 * curve.equations.m
+    N = _enough(N, order, error_at(curve, point) / tolerance, max(N // 2, FIRST))
     while N <= MOST and least > tolerance:
-        there = adapted_to(curve, point, N)
+        there, error = adapted_to(curve, point, N), np.inf
         if there is not None:
             error = error_at(*there)
             if error > 0.5 * least:
@@ -98,8 +96,14 @@ def refined(curve: OnMeshCurve, point: Point, tolerance: float) -> tuple[OnMeshC
             found, least = there, error
         elif curve.equations.rates.kinked:
             break  # the contacts change by too much, on any mesh
-        N *= 2
+        N = _enough(N, order, error / tolerance, N + ROUND)
     return found
+
+
+def _enough(N: int, order: int, excess: float, fewest: int) -> int:
+    """Return the number of intervals, at most twice those given, with which errors of an order meet a tolerance."""
+    wanted = N * float(np.clip(excess / AIM, 0.0, 2.0**order)) ** (1 / order)
+    return int(np.clip(ROUND * np.ceil(wanted / ROUND), fewest, max(2 * N, fewest)))
 
 
 def located_between(a: Placed, b: Placed, test: Callable[[OnMeshCurve, Point], float]) -> tuple[Placed, float]:
@@ -116,7 +120,7 @@ def located_between(a: Placed, b: Placed, test: Callable[[OnMeshCurve, Point], f
     ends, values = [a, b], [test(*a), test(*b)]
     error, last = np.inf, -1
     for _ in range(SECANTS):
-        whole = product(ends[0][0], ends[0][1].tangent, chord(*ends, ends[0][0].equations))
+        whole = product(ends[0][0], ends[0][1].tangent, chord(ends[0], ends[1], ends[0][0].equations))
         share = float(np.clip(values[0] / (values[0] - values[1]), 1e-3, 1 - 1e-3))
         near = int(share > 0.5)
         curve, point = ends[near]

@@ -5,25 +5,52 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.collocation.cycle import cycle_of
 from hbbogie.collocation.equations import OnMesh
-from hbbogie.stability.variation import Waveforms
+from hbbogie.polynomials import evaluated, within
 
 Array = NDArray[np.float64]
 MET = 1e-12  # distance of a contact time from a point of the mesh, as a share of the period, up to which it is there
 SETTLED = 1e-12  # change of the scaled unknowns below which contact times are right, as of one that only just touches
+FINE = 8  # parts of an interval in each of which a contact is looked for
+SECANTS = 12  # steps towards a contact time
 
 
 def contact_times(equations: OnMesh, u: Array) -> Array:
     """Return when contacts change their lines along a solution, as shares of the period; none in a smooth system."""
-    system = equations.rates.system
     if not equations.rates.kinked:
         return np.empty(0)
-    values, T, _ = equations.unpack(u)
-    p = equations.parameters(u)
-    at = dict(zip(system.parameter_names, map(float, p), strict=True))
-    orbit = cycle_of(system, equations.mesh, values, T, at, equations.advance).orbit()
-    return Waveforms(system, [orbit], p[None]).switchings()[0] / (2 * np.pi)
+    N, m, mesh = equations.N, equations.m, equations.mesh
+    states = equations.unpack(u)[0].reshape(-1, equations.n)
+    depths = equations.rates.depths(states, equations.parameters(u)).reshape(N, m + 1, -1)  # polynomials, too
+    fine = within(m, FINE) @ depths
+    d = np.concatenate([fine.reshape(N * FINE, -1), fine[:1, 0]])
+    s = np.append((mesh[:-1, None] + np.diff(mesh)[:, None] * np.arange(FINE) / FINE).ravel(), 1.0)
+    # a short contact lies about the vertex of the parabola through three points
+    k, ramp = np.nonzero((d[1:-1] - d[:-2]) * (d[2:] - d[1:-1]) < 0)
+    left, right = s[k + 1] - s[k], s[k + 2] - s[k + 1]
+    before, after = (d[k + 1, ramp] - d[k, ramp]) / left, (d[k + 2, ramp] - d[k + 1, ramp]) / right
+    vertices = s[k + 1] - 0.5 * (left + before * (left + right) / (after - before))
+    nodes = np.append(s, np.clip(vertices, s[k], s[k + 2]))
+    order = np.argsort(nodes)
+    d = np.concatenate([d, evaluated(mesh, depths, nodes[len(s) :])])[order]
+    nodes = nodes[order]
+    k, ramp = np.nonzero((d[:-1] > 0) != (d[1:] > 0))
+    return np.unique(_roots(mesh, depths, ramp, nodes[k], nodes[k + 1]))
+
+
+def _roots(mesh: Array, depths: Array, ramp: NDArray[np.int_], low: Array, high: Array) -> Array:
+    """Return where depths vanish between two times each, by secants that keep it between them (Illinois)."""
+    each, middle = np.arange(len(ramp)), low
+    ends, values = [low, high], [evaluated(mesh, depths, s)[each, ramp] for s in (low, high)]
+    for _ in range(SECANTS if len(ramp) else 0):
+        difference = values[0] - values[1]
+        share = np.divide(values[0], difference, out=np.zeros_like(low), where=difference != 0)
+        middle = ends[0] + np.clip(share, 0.0, 1.0) * (ends[1] - ends[0])
+        value = evaluated(mesh, depths, middle)[each, ramp]
+        first = (value > 0) == (values[0] > 0)
+        values = [np.where(first, value, 0.5 * values[0]), np.where(first, 0.5 * values[1], value)]
+        ends = [np.where(first, middle, ends[0]), np.where(first, ends[1], middle)]
+    return middle
 
 
 def through(mesh: Array, times: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -10,8 +11,10 @@ from numpy.typing import NDArray
 
 from hbbogie.collocation.equations import Linearised, OnMesh
 from hbbogie.collocation.multipliers import Spectrum, spectrum_of
+from hbbogie.collocation.solving import Errors, errors_of
 from hbbogie.equilibria.resting import at_rest, resting_place
 from hbbogie.model.system import System
+from hbbogie.polynomials import moved
 from hbbogie.results.ending import Ending
 from hbbogie.solving.curve import Point
 
@@ -45,6 +48,7 @@ class OnMeshCurve:
         self.window = {last: interval, last - 1: (-np.inf, float(np.log(longest)))}
         self._last: tuple[Array, Linearised] | None = None
         self._spectra: dict[int, tuple[Array, Spectrum]] = {}
+        self._estimates: dict[int, tuple[Array, Errors, Spectrum]] = {}
 
     @property
     def parameter(self) -> str:
@@ -101,6 +105,13 @@ class OnMeshCurve:
             self._spectra[id(point.u)] = point.u, spectrum_of(self.line(point))
         return self._spectra[id(point.u)][1]
 
+    def estimate(self, point: Point) -> tuple[Errors, Spectrum]:
+        """Return the errors of a point, see `errors_of`, and the multipliers of the next degree."""
+        if id(point.u) not in self._estimates:
+            errors, finer = errors_of(self.equations, point.u, lifted(self.equations, point.tangent))
+            self._estimates[id(point.u)] = point.u, errors, spectrum_of(finer)
+        return self._estimates[id(point.u)][1:]
+
     def value(self, kind: str, point: Point) -> float:
         """Return a test function of a point, which changes its sign where something happens.
 
@@ -121,6 +132,16 @@ class OnMeshCurve:
             off = factors + 1 if kind == "period doubling" else factors - 1
             product = np.prod(off / np.maximum(1.0, np.abs(factors)))
         return float(np.nan_to_num(product.real, nan=1.0)) if len(factors) else 1.0
+
+
+def lifted(equations: OnMesh, tangent: Array, mesh: Array | None = None, m: int | None = None) -> Array:
+    """Return the row that belongs to a tangent on another mesh, of the next degree where no other is given."""
+    degree = equations.m + 1 if m is None else m
+    there = replace(equations, mesh=equations.mesh if mesh is None else mesh, m=degree)
+    k = equations.N * equations.m * equations.n
+    stages, states = tangent[:k].reshape(equations.N, equations.m, -1), tangent[k:-2].reshape(equations.N, 1, -1)
+    values = moved(equations.mesh, np.concatenate([states, stages], axis=1), there.mesh, degree)
+    return there.weights * np.concatenate([values[:, 1:].ravel(), values[:, 0].ravel(), tangent[-2:]])
 
 
 def homoclinic(system: System, equations: OnMesh, u: Array) -> str:

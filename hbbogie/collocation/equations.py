@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hbbogie.brief import brief
 from hbbogie.collocation.elimination import Reduced, reduced
 from hbbogie.collocation.rates import Rates
-from hbbogie.polynomials import Gauss, evaluated, gauss, points_of
+from hbbogie.polynomials import Gauss, evaluated, gauss, moved, slopes_of
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class OnMesh:
         """Number of states."""
         return len(self.size)
 
-    @property
+    @cached_property
     def gauss(self) -> Gauss:
         """Points and weights."""
         return gauss(self.m)
@@ -88,7 +88,7 @@ class OnMesh:
     def _phase(self) -> tuple[Array, Array]:
         """The row of the phase, shape (N, m, n), and the scaled stages of the reference."""
         slope = self.reference - self.reference[:, :1]
-        rate = np.einsum("jk,ikn->ijn", self.gauss.basis(self.gauss.c, 1), slope) / np.diff(self.mesh)[:, None, None]
+        rate = slopes_of(self.m)[1:] @ slope / np.diff(self.mesh)[:, None, None]
         row = self.measure[..., None] * rate / self.size
         norm = float(np.sqrt((row * rate / self.size).sum()))
         return row / norm, self.reference[:, 1:] / self.size
@@ -113,7 +113,7 @@ class OnMesh:
     def moved(self, mesh: Array, m: int, u: Array) -> tuple[OnMesh, Array]:
         """Return the equations on another mesh or of another degree, and the unknowns carried over to it."""
         values, T, parameter = self.unpack(u)
-        values = evaluated(self.mesh, values, points_of(mesh, m))
+        values = moved(self.mesh, values, mesh, m)
         sides = self.sides if mesh is self.mesh else self.sides_at(mesh, u)
         there = replace(self, mesh=mesh, m=m, reference=values, sides=sides)
         return there, there.pack(values, T, parameter)
@@ -148,12 +148,12 @@ class OnMesh:
         if self.advance:
             end[-1, : len(self.advance)] += np.array(self.advance) / self.size[: len(self.advance)]
         row, reference = self._phase
-        residual = [
+        residual: list[Array | list[float]] = [
             (X - x[:, None] - ahead).ravel(),
-            (end - g.begin * x - np.einsum("j,ijn->in", g.d, X)).ravel(),
+            (end - g.begin * x - g.d @ X).ravel(),
             [float((row * (X - reference)).sum())],
         ]
-        rate = g.basis(np.zeros(1), 1)[0] @ values[0] / self.size
+        rate = slopes_of(self.m)[0] @ values[0] / self.size
         return Linearised(self, np.concatenate(residual), A, ahead, g.a @ slope, row, rate)
 
 
@@ -206,13 +206,13 @@ class Linearised:
         columns[..., :n] = np.eye(n)
         columns[..., n], columns[..., n + 1] = self.ahead, self.slope
         columns[..., n + 2] = right[:k].reshape(N, m, n)
-        response = np.linalg.solve(self.stages, columns.reshape(N, m * n, n + 3)).reshape(N, m, n, n + 3)
-        end = np.einsum("j,ijnc->inc", g.d, response)
+        response = np.linalg.solve(self.stages, columns.reshape(N, m * n, n + 3))
+        end = (g.d @ response.reshape(N, m, n * (n + 3))).reshape(N, n, n + 3)
         self.transitions = end[..., :n] + g.begin * np.eye(n)
         G = -end[..., n:]
         G[..., 2] = right[k:-2].reshape(N, n) - G[..., 2]
-        rows = np.stack([self.phase, plane[:k].reshape(N, m, n)])
-        border = np.einsum("bijn,ijnc->bic", rows, response)
+        rows = np.stack([self.phase.reshape(N, m * n), plane[:k].reshape(N, m * n)], axis=1)
+        border = (rows @ response).swapaxes(0, 1)
         corner = border[..., n:].sum(axis=1)
         corner[1, :2] += plane[-2:]
         corner[:, 2] = right[-2:] - corner[:, 2]
@@ -221,7 +221,9 @@ class Linearised:
         eye = np.broadcast_to(np.eye(n), (N, n, n))
         self.reduced = reduced(-self.transitions, eye, G, border, corner)
         states, rest = self.reduced.solve(shortest)
-        stages = (response[..., :n] @ states[:, None, :, None])[..., 0] + response[..., n:] @ np.append(rest, 1.0)
+        factors = np.ones((N, n + 3, 1))
+        factors[:, :n, 0], factors[:, n : n + 2, 0] = states, rest
+        stages = response @ factors
         return np.concatenate([stages.ravel(), states.ravel(), rest]), self.reduced.sign
 
     def adjoint(self, plane: Array) -> Array:

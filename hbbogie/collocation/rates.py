@@ -60,9 +60,8 @@ class Rates:
         key = ("rates", self.place, K, given)
         function = self.system.once(key, lambda: _mapped(self.system, self.place, K, given))
         buffer, evaluate = function.buffer()  # without copies to and from CasADi's matrices
-        arguments = np.ascontiguousarray(x), np.ascontiguousarray(p)
-        if given:
-            arguments += (np.ascontiguousarray(sides, dtype=float),)
+        arguments = [np.ascontiguousarray(x), np.ascontiguousarray(p)]
+        arguments += [np.ascontiguousarray(sides, dtype=float)] if sides is not None and given else []
         f, A, slope = np.empty((K, n)), np.empty((K, n, n)), np.empty((K, n))
         for i, values in enumerate(arguments):
             buffer.set_arg(i, values.data)
@@ -79,10 +78,18 @@ class Rates:
         x : ndarray, shape (K, n_states)
         p : ndarray, shape (number of parameters,)
         """
-        if not self.kinked:
-            return None
-        depths = self.system.once("depths", lambda: _depths(self.system))
-        return np.asarray(depths(x.T, p).full().T > 0, dtype=float)
+        return np.asarray(self.depths(x, p) > 0, dtype=float) if self.kinked else None
+
+    def depths(self, x: Array, p: Array) -> Array:
+        """Return how far each ramp of piecewise-linear laws is entered, shape (K, number of ramps).
+
+        Parameters
+        ----------
+        x : ndarray, shape (K, n_states)
+        p : ndarray, shape (number of parameters,)
+        """
+        function = self.system.once("depths", lambda: _depths(self.system))
+        return np.asarray(function(x.T, p).full().T)
 
     def sensitivity(self, x: Array, p: Array, weights: Array, sides: Array | None = None) -> Array:
         """Return the sum over the states of weights . df/dp, shape (number of parameters,).

@@ -19,7 +19,7 @@ from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
 from hbbogie.model.turns import check_advance
-from hbbogie.polynomials import evaluated
+from hbbogie.polynomials import evaluated, slopes_of
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
@@ -167,7 +167,8 @@ def errors_of(equations: OnMesh, u: Array, plane: Array | None = None) -> tuple[
     if line.reduced is not None and line.reduced.family:
         step, _ = line.solve(plane, -np.append(line.residual, 0.0), shortest=True)
     states = np.abs(step[finer.N * finer.m * finer.n : -2]).reshape(finer.N, finer.n)
-    rate = evaluated(finer.mesh, finer.unpack(v)[0] / finer.size, finer.mesh[:-1], 1)
+    begins = slopes_of(finer.m)[0] @ (finer.unpack(v)[0] / finer.size)
+    rate = begins / np.diff(finer.mesh)[:, None]
     curve = float((states / np.maximum(1.0, np.abs(rate))).max())
     return (abs(float(step[-2])), curve, float(np.abs(step[:-2]).max()), abs(float(step[-1]))), line
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.collocation.adaption import Placed, chord, lifted, located_between
+from hbbogie.collocation.adaption import Placed, chord, located_between
 from hbbogie.collocation.curve import OnMeshCurve
 from hbbogie.collocation.cycle import CollocatedCycle
-from hbbogie.collocation.multipliers import spectrum_of
-from hbbogie.collocation.solving import errors_of, finished
+from hbbogie.collocation.solving import finished
 from hbbogie.solving.arclength import distance, located, product
 from hbbogie.solving.curve import Point
 from hbbogie.stability.crossing import description
@@ -67,8 +66,7 @@ class Special:
     @property
     def discretisation(self) -> float:
         """Estimated error of the value that the mesh makes, by a step at the next degree [unit of the parameter]."""
-        e = self.curve.equations
-        return errors_of(e, self.point.u, lifted(e, self.point.tangent))[0][3] * e.width
+        return self.curve.estimate(self.point)[0][3] * self.curve.equations.width
 
     @property
     def gradient(self) -> dict[str, float]:
@@ -78,8 +76,8 @@ class Special:
 
 def judged(curve: OnMeshCurve, point: Point) -> CollocatedCycle:
     """Return the cycle of a point with its error estimates and stability."""
-    errors, finer = errors_of(curve.equations, point.u, lifted(curve.equations, point.tangent))
-    return finished(curve.equations, point.u, point.error, errors, (curve.spectrum(point), spectrum_of(finer)))
+    errors, finer = curve.estimate(point)
+    return finished(curve.equations, point.u, point.error, errors, (curve.spectrum(point), finer))
 
 
 def special_between(curve: OnMeshCurve, points: list[Point], kinds: tuple[str, ...]) -> Iterator[Special]:
