@@ -51,14 +51,15 @@ def synthesis(H: int, tau: ArrayLike, derivative: int = 0) -> Array:
     """
     tau = np.atleast_1d(np.asarray(tau, dtype=float))
     h = np.arange(1, H + 1)
-    # the derivative of order m of cos(h tau) is h^m cos(h tau + m pi/2); quarter turns are exact this way
-    cosine, sine = np.cos(np.outer(tau, h)), np.sin(np.outer(tau, h))
-    turns = [(cosine, sine), (-sine, cosine), (-cosine, -sine), (sine, -cosine)]
-    c, s = turns[derivative % 4]
-    E = np.empty((tau.size, 2 * H + 1))
+    angle, E = tau[:, None] * h, np.empty((tau.size, 2 * H + 1))
     E[:, 0] = 1.0 if derivative == 0 else 0.0
-    E[:, 1::2] = c * h**derivative
-    E[:, 2::2] = s * h**derivative
+    # the derivative of order m of cos(h tau) is h^m cos(h tau + m pi/2); quarter turns are exact this way
+    first, second = (np.sin, np.cos) if derivative % 2 else (np.cos, np.sin)
+    first(angle, out=E[:, 1::2])
+    second(angle, out=E[:, 2::2])
+    if derivative:
+        E[:, 1::2] *= h**derivative * (-1 if derivative % 4 in (1, 2) else 1)
+        E[:, 2::2] *= h**derivative * (-1 if derivative % 4 in (2, 3) else 1)
     return E
 
 

@@ -12,7 +12,7 @@ from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
 from hbbogie.solving.curve import Dense, Point
-from hbbogie.solving.newton import Conditions, Problem
+from hbbogie.solving.newton import Buffered, Conditions, Problem
 
 Array = NDArray[np.float64]
 VERTICAL = 1e-9  # share of the parameter in the tangent below which it counts as constant
@@ -53,11 +53,12 @@ class CycleCurve:
         self.scale = np.append(equations.scale, (interval[1] - interval[0]) / 4)
         self.weights, self.window = np.ones(len(self.scale)), {equations.size: interval}
         self.rows, self.tolerance = equations.residual_scale, tolerance
+        self._units, self._frequency = self.scale / self.rows[:, None], Buffered(equations.frequency)
 
     def evaluate(self, u: Array) -> tuple[Array, Array]:
         """Return scaled residual, shape (m,), and Jacobian, shape (m, m + 1)."""
         F, J = self.problem.evaluate(u)
-        return F / self.rows, J / self.rows[:, None] * self.scale
+        return F / self.rows, J * self._units
 
     def linearise(self, u: Array) -> Dense:
         """Return the equations and their derivative."""
@@ -94,7 +95,7 @@ class CycleCurve:
         return Ending("bound", f"a bound was reached at {place}: {', '.join(map(str, met))}") if met else None
 
     def _omega(self, u: Array) -> float:
-        return float(self.equations.frequency(u[:-1]))
+        return float(self._frequency(u[:-1])[0][0, 0])
 
     def stretch(self, u: Array) -> float:
         """Return how many times longer than usual a step may be: at amplitudes far above their scale little happens."""

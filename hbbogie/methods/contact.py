@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 
 NEWTON_STEPS = 6
+BLOCK = 8  # cells of the phase grid that are looked at together; most have no contact
 GRAZING_SLOPE = 1e-7  # smallest |s'| relative to the largest coefficient: at grazing the second derivative is infinite
 
 
@@ -74,6 +75,7 @@ def make_ramp(harmonics: tuple[int, ...], half: bool) -> Ramp:
     """
     H = harmonics[-1]
     cells = max(32, 4 * H) if half else max(64, 8 * H)  # at least four for each wave of the highest harmonic
+    cells += -cells % BLOCK
     length = np.pi if half else 2 * np.pi
     rows = fourier.rows_of(harmonics)
     w = ca.MX.sym("w", 1 + len(rows))
@@ -83,11 +85,24 @@ def make_ramp(harmonics: tuple[int, ...], half: bool) -> Ramp:
     ends = [s[:-1].T, s[1:].T, ds[:-1].T, ds[1:].T]
     kinds = _kinds(ends, length / cells)
     cell = _cell(harmonics, rows, length / cells)
-    moments, times, weights = cell.map("cells", "serial", cells, [1], [0])(kinds, w, nodes[:-1].reshape(1, -1), *ends)
+    block = _block(cell, len(rows), 2 * (2 * H + 1))
+    along = [kinds, w, ca.DM(nodes[:-1].reshape(1, -1)), *ends]
+    moments, times, weights = block.map("blocks", "serial", cells // BLOCK, [1], [0])(*along)
     limits = _antiderivatives(H, np.array([0.0, length]))
     moments = moments + ca.if_else(s[-1] > 0, 1, 0) * limits[:, 1] - ca.if_else(s[0] > 0, 1, 0) * limits[:, 0]
     contacts = ca.Function("contacts", [w], [moments, ca.vec(times), ca.vec(weights)])
     return Ramp(rows, contacts, product_table(H, rows, length), length, harmonics)
+
+
+def _block(cell: ca.Function, rows: int, moments: int) -> ca.Function:
+    """Return what ``BLOCK`` cells in a row contribute together; nearly nothing is done where all are idle."""
+    arguments = [ca.MX.sym("kinds", 1, BLOCK), ca.MX.sym("w", 1 + rows)]
+    arguments += [ca.MX.sym(name, 1, BLOCK) for name in ("lo", "s_lo", "s_hi", "ds_lo", "ds_hi")]
+    none = [ca.MX.zeros(moments), ca.MX.zeros(2, BLOCK), ca.MX.zeros(2, BLOCK)]
+    idle = ca.Function("idle", arguments, none)
+    work = ca.Function("work", arguments, cell.map("cells", "serial", BLOCK, [1], [0])(*arguments))
+    chosen = ca.Function.if_else("chosen", work, idle)
+    return ca.Function("block", arguments, chosen(ca.mmax(arguments[0]) > 0, *arguments))
 
 
 def _basis(H: int, rows: np.ndarray, tau: np.ndarray, derivative: int) -> ca.DM:

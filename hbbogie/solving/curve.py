@@ -66,11 +66,14 @@ class Dense:
 
     def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
         """Solve the bordered equations by LU factorisation, see `Linearised`."""
-        lu, pivots, x, singular = dgesv(np.vstack([self.jacobian, plane]), right)
+        n = len(plane)
+        bordered = np.empty((n, n), order="F")
+        bordered[:-1], bordered[-1] = self.jacobian, plane
+        lu, pivots, x, singular = dgesv(bordered, right, overwrite_a=True)
         if singular:
             raise np.linalg.LinAlgError("the bordered Jacobian is singular")
-        swaps = np.count_nonzero(pivots != np.arange(len(pivots)))
-        return x, float((-1) ** swaps * np.prod(np.sign(np.diag(lu))))
+        flips = np.count_nonzero(pivots != np.arange(n)) + np.count_nonzero(lu.diagonal() < 0)
+        return x, -1.0 if flips % 2 else 1.0
 
 
 class Curve(Protocol):

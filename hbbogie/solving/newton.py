@@ -141,6 +141,8 @@ class Problem:
     def violated(self, y: Array, slack: float = 0.0) -> list[Bound]:
         """Return the bounds on or beyond which unknowns lie."""
         low, high = y <= self.lower + slack * self.scale, y >= self.upper - slack * self.scale
+        if not (low | high).any():
+            return []
         names = [*self.equations.unknowns, *(self.equations.system.parameter_names[i] for i in self.free)]
         return [Bound(int(i), names[i], "lower" if low[i] else "upper") for i in np.flatnonzero(low | high)]
 

@@ -88,14 +88,15 @@ class _OfSeries:
         return out
 
     @cached_property
-    def derivatives(self) -> list[Array]:
-        return [fourier.derivative(self.c.swapaxes(0, 1), order).swapaxes(0, 1) for order in range(3)]
+    def derivatives(self) -> Array:
+        by_harmonic = self.c.swapaxes(0, 1)
+        return np.stack([fourier.derivative(by_harmonic, order).swapaxes(0, 1) for order in range(3)])
 
     def with_slope(
         self, tau: Array, column: NDArray[np.int_], derivative: int, of: NDArray[np.int_]
     ) -> tuple[Array, Array]:
-        E = fourier.synthesis(self.H, tau)
-        first, second = (np.einsum("ij,ij->i", E, self.derivatives[derivative + k][of, :, column]) for k in (0, 1))
+        both = self.derivatives[derivative : derivative + 2, of, :, column]  # shape (len(tau), 2, 2 H + 1)
+        first, second = (both @ fourier.synthesis(self.H, tau)[:, :, None])[:, :, 0].T
         return first, second
 
     def on_grid(self, H: int, end: float) -> tuple[Array, Array, Array]:

@@ -136,8 +136,6 @@ class Waveforms:
         states = [np.vstack([position, 0 * velocity]), np.vstack([0 * position, velocity])]
         of_q, of_v = (np.broadcast_to(x, (P, *x.shape)) for x in states)
         self.all_states = signals(orbits, of_q, of_v, np.zeros((P, system.n_states)))
-        some = self.model.varying
-        self.x = signals(orbits, of_q[:, some], of_v[:, some], np.zeros((P, len(some))))
         dq, dv, *columns = (np.stack(values) for values in zip(*map(self.model.laws, p), strict=True))
         rest, self.offset, self.stiffness, *ramps = (c.reshape(P, -1) for c in columns)
         self.slope, self.threshold, self.height = ramps
@@ -145,7 +143,7 @@ class Waveforms:
 
     def states(self, tau: Array, of: Places = 0) -> Array:
         """Return the varying states at the phases tau, shape (len(tau), m)."""
-        return np.empty((len(tau), 0)) if self.straight else self.x.at(tau, of=of)
+        return np.empty((len(tau), 0)) if self.straight else self.all_states.at(tau, of=of)[:, self.model.varying]
 
     @property
     def straight(self) -> bool:
@@ -174,8 +172,10 @@ class Waveforms:
     @property
     def levels(self) -> tuple[NDArray[np.int_], Array]:
         """Contacts, shape (K,), and values of their arguments, shape (P, K), at which they change their lines."""
-        pairs = np.unique(np.vstack([self.model.owner, self.model.direction * self.threshold]), axis=1)
-        return pairs[0].astype(int), pairs[1:]
+        values = (self.model.direction * self.threshold).tolist()
+        pairs = sorted(set(zip(self.model.owner.tolist(), *values, strict=True)))
+        contacts = np.array([pair[0] for pair in pairs], dtype=int)
+        return contacts, np.reshape([pair[1:] for pair in pairs], (len(pairs), len(values))).T
 
     def switchings(self, end: float = 2 * np.pi) -> tuple[Array, NDArray[np.int_]]:
         """Return the phases from 0 to end at which a contact changes its line, rad, and whose; both increasing."""
@@ -187,17 +187,24 @@ class Waveforms:
         above = u[:, :, contact] >= level[:, None]
         # u is monotone in cells without a turning point; the others are divided there, so that no contact is missed
         of, k, which = np.nonzero((above[:, :-1] != above[:, 1:]) & ~turns[:, :, contact])
-        cells = [(of, which, grid[k], grid[k + 1])]
+        column = contact[which]
+        cells = [(of, which, grid[k], grid[k + 1], u[of, k, column], u[of, k + 1, column])]
         of, k, column = np.nonzero(turns)
-        top = _roots(self.u, 1, of, column, np.zeros(len(k)), grid[k], grid[k + 1])
-        beyond = self.u.with_slope(top, column, 0, of)[0][:, None] >= level[of]
-        for side, low, high in ((k, grid[k], top), (k + 1, top, grid[k + 1])):
-            i, which = np.nonzero((above[of, side] != beyond) & (contact == column[:, None]))
-            cells.append((of[i], which, low[i], high[i]))
-        of, which, low, high = (np.concatenate(values) for values in zip(*cells, strict=True))
+        sides = slope[of, k, column], slope[of, k + 1, column]
+        top = _roots(self.u, 1, of, column, np.zeros(len(k)), grid[k], grid[k + 1], *sides)
+        before, there, after = u[of, k, column], self.u.with_slope(top, column, 0, of)[0], u[of, k + 1, column]
+        for low, high, first, last in ((grid[k], top, before, there), (top, grid[k + 1], there, after)):
+            crosses = (first[:, None] >= level[of]) != (last[:, None] >= level[of])
+            i, which = np.nonzero(crosses & (contact == column[:, None]))
+            cells.append((of[i], which, low[i], high[i], first[i], last[i]))
+        of, which = (np.concatenate([cell[i] for cell in cells]) for i in (0, 1))
         order = np.argsort(of, kind="stable")
-        of, which, low, high = of[order], which[order], low[order], high[order]
-        found = _roots(self.u, 0, of, contact[which], level[of, which], low, high)
+        of, which, *ends = (
+            of[order],
+            which[order],
+            *(np.concatenate(x)[order] for x in list(zip(*cells, strict=True))[2:]),
+        )
+        found = _roots(self.u, 0, of, contact[which], level[of, which], *ends)
         order = np.lexsort((found, of))
         found, of = found[order], of[order]
         once = np.append(True, (np.diff(found) != 0) | (np.diff(of) != 0))[: len(found)]
@@ -216,13 +223,22 @@ class Waveforms:
 
 
 def _roots(
-    u: Signals, order: int, of: NDArray[np.int_], column: NDArray[np.int_], level: Array, low: Array, high: Array
+    u: Signals,
+    order: int,
+    of: NDArray[np.int_],
+    column: NDArray[np.int_],
+    level: Array,
+    low: Array,
+    high: Array,
+    first: Array,
+    last: Array,
 ) -> Array:
-    """Return where signals, or their derivatives, meet their levels between low and high (safeguarded Newton)."""
+    """Return where signals, or their derivatives, meet their levels between low and high (safeguarded Newton).
+
+    ``first`` and ``last`` are their values there.
+    """
     if not len(of):
         return np.empty(0)
-    # check both ends, since the level may be met exactly at one of them
-    (first, _), (last, _) = (u.with_slope(end, column, order, of) for end in (low, high))
     falling = first > last
     share = np.divide(first - level, first - last, out=np.full_like(level, 0.5), where=first != last)
     tau = low + np.clip(share, 0.01, 0.99) * (high - low)
