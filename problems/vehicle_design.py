@@ -1,8 +1,8 @@
 """The railway vehicle, its primary suspension and yaw dampers chosen anew for a higher critical speed.
 
 The vehicle is that of the problem vehicle. Its critical speed is the lowest fold of three attractors: both bogies hunt,
-or the front one, or the rear one. Longitudinal and lateral primary stiffness, and slope, blow-off force and slope beyond
-of the yaw dampers may be changed by -40 % to +60 %. Three limits speak against it:
+or the front one, or the rear one. Longitudinal and lateral primary stiffness, and slope, blow-off force and slope
+beyond it of the yaw dampers may be changed by -40 % to +60 %. Three limits speak against it:
 
 - curving: the primary yaw stiffness 2 kpx bp^2 of a wheelset may not grow. The stiffer it is, the less the wheelsets
   can steer, and the more flanges and rails wear;

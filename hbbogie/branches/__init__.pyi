@@ -1,8 +1,8 @@
 from .closed_form import exact_branch as exact_branch
 from .closed_form import exact_crossings as exact_crossings
 from .closed_form import exact_walk as exact_walk
-from .comparison import Comparison as Comparison
-from .comparison import TracedBranch as TracedBranch
+from .compared import Comparison as Comparison
+from .compared import TracedBranch as TracedBranch
 from .comparison import compare as compare
 from .comparison import method_named as method_named
 from .continuation import trace as trace
