@@ -14,7 +14,7 @@ from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, signature
-from hbbogie.branches.starts import Equilibrium, equilibria_at, equilibrium_near, sizes, starts_of
+from hbbogie.branches.starts import Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
 from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -97,6 +97,7 @@ class Census:
                 orbit, beside = self.found[beside], beside + 1
                 for what, guess in relatives(self.system, orbit):
                     self.consider(guess, f"{what} of the cycle of period {orbit.period:.9g} s", finer=())
+                self._leave_cycle(orbit)
             elif self.walked:
                 self._look_for_forks(*self.walked.pop(0))
             elif switched < len(self.forks):
@@ -119,6 +120,13 @@ class Census:
                 else:
                     followed += 1
                     self._take(self.walker.through(self.found[k], name), name)
+
+    def _leave_cycle(self, orbit: Orbit) -> None:
+        """Follow the motion that leaves a cycle which has lost its stability to one of less symmetry or longer period."""
+        if (x := beside_cycle(self.system, orbit)) is not None:
+            where = f"beside the cycle of period {orbit.period:.9g} s"
+            what = self._motion(self.system, False, where, x, self._sample_distance(), self._sizes())
+            self.evidence.append(f"the motion from {where}, whose symmetry or period breaks: {what}")
 
     def _look_for_forks(self, walked: Walked, name: str) -> None:
         """Take note of the special points of a branch at which others begin or cross, each once."""
