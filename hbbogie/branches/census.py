@@ -122,7 +122,7 @@ class Census:
                     self._take(self.walker.through(self.found[k], name), name)
 
     def _leave_cycle(self, orbit: Orbit) -> None:
-        """Follow the motion that leaves a cycle which has lost its stability to one of less symmetry or longer period."""
+        """Follow the motion that leaves a cycle which has lost its stability to one of less symmetry."""
         if (x := beside_cycle(self.system, orbit)) is not None:
             where = f"beside the cycle of period {orbit.period:.9g} s"
             what = self._motion(self.system, False, where, x, self._sample_distance(), self._sizes())
