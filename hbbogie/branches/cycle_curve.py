@@ -53,12 +53,14 @@ class CycleCurve:
         self.scale = np.append(equations.scale, (interval[1] - interval[0]) / 4)
         self.weights, self.window = np.ones(len(self.scale)), {equations.size: interval}
         self.rows, self.tolerance = equations.residual_scale, tolerance
-        self._units, self._frequency = self.scale / self.rows[:, None], Buffered(equations.frequency)
+        self._frequency = Buffered(equations.frequency)
 
     def evaluate(self, u: Array) -> tuple[Array, Array]:
         """Return scaled residual, shape (m,), and Jacobian, shape (m, m + 1)."""
         F, J = self.problem.evaluate(u)
-        return F / self.rows, J * self._units
+        J /= self.rows[:, None]
+        J *= self.scale
+        return F / self.rows, J
 
     def linearise(self, u: Array) -> Dense:
         """Return the equations and their derivative."""

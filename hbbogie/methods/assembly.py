@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.methods.condensation import choose_rows, dynamic_stiffness
+from hbbogie.methods.condensation import choose_rows, dynamic_stiffness, stiffness_slopes
 from hbbogie.methods.contact import make_ramp
 from hbbogie.methods.layout import Layout
 from hbbogie.methods.sampling import Sampling
@@ -117,9 +117,19 @@ class Assembly:
         self.inputs = ca.Function("inputs", [z, p], [ca.densify(ca.horzcat(*(w for w, _ in inputs)))])
         forces, means = self._forces(z, p, c, inputs)
         X, mean, omega = layout.unpack(z)
-        F, XC = self._balance(X, mean, omega, p, forces, means)
+        self._stiff = dynamic_stiffness(layout.parts, layout.S, self.C, self.R, self.E, self.force_rows)
+        Z = [ca.SX.sym("Z", w) for _ in layout.moving for w in map(self._stiff.sparsity_out, range(4))]
+        F, XC = self._balance(X, mean, omega, p, forces, means, Z)
+        whole = self._all_coefficients(X, XC, mean)
+        self._of_stiffness = ca.Function("balance", [z, p, c, *Z], [F, whole])
+        F, whole = self._of_stiffness(z, p, c, *self._stiffness(z, p))
         self.stage = ca.Function("stage", [z, p, c], [F], list("zpc"), ["F"])
-        self._decode = ca.Function("decode", [z, p, c], [self._all_coefficients(X, XC, mean)], list("zpc"), ["X"])
+        self._decode = ca.Function("decode", [z, p, c], [whole], list("zpc"), ["X"])
+
+    def _stiffness(self, z: ca.SX, p: ca.SX) -> list[ca.SX]:
+        """Return the dynamic stiffness of each harmonic, Re Z, Im Z, Re P and Im P one after the other."""
+        omega = self.layout.unpack(z)[2]
+        return [w for h in self.layout.moving for w in self._stiff(h * omega, p)]
 
     def _stage_symbols(self) -> list[ca.SX]:
         """Return symbols for z, p and c."""
@@ -192,15 +202,21 @@ class Assembly:
         return {i: total[i][first:] for i in self.force_rows}, [total[i][0] if first else ca.SX(0) for i in total]
 
     def _balance(
-        self, X: ca.SX, mean: ca.SX, omega: ca.SX, p: ca.SX, forces: dict[int, ca.SX], means: list[ca.SX]
+        self,
+        X: ca.SX,
+        mean: ca.SX,
+        omega: ca.SX,
+        p: ca.SX,
+        forces: dict[int, ca.SX],
+        means: list[ca.SX],
+        Z: list[ca.SX],
     ) -> tuple[ca.SX, list[ca.SX]]:
         """Return F and the coefficients of the condensed coordinates (eq-residual, eq-condensation)."""
         layout = self.layout
         rows: list[list[ca.SX]] = [[] for _ in self.R]
         XC: list[list[ca.SX]] = [[] for _ in self.C]
-        stiff = dynamic_stiffness(layout.parts, layout.S, self.C, self.R, self.E, self.force_rows)
-        for k, h in enumerate(layout.moving):
-            Z_re, Z_im, P_re, P_im = stiff(h * omega, p)
+        for k in range(len(layout.moving)):
+            Z_re, Z_im, P_re, P_im = Z[4 * k : 4 * k + 4]
             pair = [X[2 * k : 2 * k + 2, j] for j in range(len(layout.S))]
             pair += [forces[i][2 * k : 2 * k + 2] for i in self.force_rows if i in self.E]
             for out, re, im in ((rows, Z_re, Z_im), (XC, P_re, P_im)):
@@ -244,14 +260,31 @@ class Assembly:
         return self.once("sensitivity", self._build_sensitivity)
 
     def _build_derivatives(self, free: tuple[int, ...]) -> ca.Function:
-        sx = self._stage_symbols()
-        F, y = self.stage(*sx), ca.vertcat(sx[0], *(sx[1][i] for i in free))
-        first = ca.Function("stage_jacobian", sx, [F, ca.jacobian(F, y), ca.jacobian(F, ca.vec(sx[2]))])
+        first = self._stage_jacobian(free)
         z, p = self._mx()
         gains = self._gains(z, p)
         F, J, J_c = first(z, p, self._first_stage(z, p, gains))
         J = J + ca.mtimes(J_c, self._first_stage_jacobian(z, p, gains, free)[0])
         return ca.Function("dF", [z, p], [ca.densify(F), ca.densify(J)], ["z", "p"], ["F", "J"])
+
+    def _stage_jacobian(self, free: tuple[int, ...]) -> ca.Function:
+        """Return (z, p, c) -> F and its derivatives in (z, p[free]) and in vec(c)."""
+        z, p, c = sx = self._stage_symbols()
+        values = self._stiffness(z, p)
+        Z = [ca.SX.sym("Z", w.sparsity()) for w in values]
+        F, y = self._of_stiffness(*sx, *Z)[0], ca.vertcat(z, *(p[i] for i in free))
+        J, J_c = ca.jacobian(F, y), ca.jacobian(F, ca.vec(c))
+        if Z:  # what the stiffnesses add to the columns of omega and the parameters
+            slopes = stiffness_slopes(self.layout.parts, self.layout.S, self.C, self.R, self.E, self.force_rows, free)
+            entries, rates = [], []
+            for k, h in enumerate(self.layout.moving):
+                d_Z = slopes(h * z[-1], p, *values[4 * k + 2 : 4 * k + 4])
+                for w, d in zip(Z[4 * k : 4 * k + 2], d_Z, strict=True):
+                    entries += w.nonzeros()
+                    rates.append(ca.horzcat(h * d[:, 0], d[:, 1:])[w.sparsity().find(), :])
+            added = ca.jacobian(F, ca.vertcat(*entries)) @ ca.vertcat(*rates)
+            J += ca.horzcat(ca.SX(J.shape[0], self.layout.size - 1), added)
+        return ca.Function("stage_jacobian", sx, ca.substitute([F, J, J_c], Z, values))
 
     def _lagrangian(self) -> tuple[list[ca.SX], ca.SX]:
         """Return [z, p, c, multipliers, pulls], and multipliers . F plus pulls . inputs of the ramps.

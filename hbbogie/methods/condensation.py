@@ -119,3 +119,49 @@ def dynamic_stiffness(
     Z_re = ca.horzcat(Z_re, padding) + real[R, C] @ P_re - imaginary[R, C] @ P_im
     Z_im = ca.horzcat(Z_im, padding) + real[R, C] @ P_im + imaginary[R, C] @ P_re
     return ca.Function("Z", [kappa, p], ca.cse([Z_re, Z_im, P_re, P_im]))
+
+
+def stiffness_slopes(
+    parts: Parts,
+    S: Sequence[int],
+    C: Sequence[int],
+    R: Sequence[int],
+    E: Sequence[int],
+    force_rows: Sequence[int],
+    free: Sequence[int],
+) -> ca.Function:
+    """Return (kappa, p, Re P, Im P) -> derivatives of vec(Re Z), vec(Im Z) in (kappa, p[free]), one column each.
+
+    With the uncondensed dynamic stiffness W and L = -W_RC W_EC^-1 they are dW_RS + dW_RC P + L (dW_ES + dW_EC P),
+    which takes one more elimination, where the derivative of the elimination itself would take one for each column.
+    """
+    R, E, S, C = (list(i) for i in (R, E, S, C))
+    inner, padding = [E.index(i) for i in force_rows if i in E], len(S)
+    kappa, p = ca.SX.sym("kappa"), ca.SX.sym("p", parts.mass.size1_in(0))
+    P_re, P_im = (ca.SX.sym(name, len(C), padding + len(inner)) for name in ("P_re", "P_im"))
+    real, imaginary = parts.stiffness(p) - kappa**2 * parts.mass(p), kappa * parts.damping(p)
+    L_re, L_im = ca.SX.zeros(len(R), len(E)), ca.SX.zeros(len(R), len(E))
+    for block in (_blocks(_links(parts), C) if E == C else [C]) if C else []:
+        K = [C.index(i) for i in block]
+        a, b = (w[[E[k] for k in K], block].T for w in (real, imaginary))
+        right = ca.vertcat(real[R, block].T, imaginary[R, block].T)
+        used = sorted(set(right.sparsity().get_col()))
+        if used:
+            found = ca.solve(ca.blockcat([[a, -b], [b, a]]), -ca.densify(right[:, used]))
+            L_re[used, K], L_im[used, K] = found[: len(K), :].T, found[len(K) :, :].T
+    slopes_re, slopes_im = [], []
+    for variable in (kappa, *(p[i] for i in free)):
+        d_re, d_im = (_slope(w, variable) for w in (real, imaginary))
+        below_re = ca.horzcat(d_re[E, S], ca.SX(len(E), len(inner))) + d_re[E, C] @ P_re - d_im[E, C] @ P_im
+        below_im = ca.horzcat(d_im[E, S], ca.SX(len(E), len(inner))) + d_re[E, C] @ P_im + d_im[E, C] @ P_re
+        kept_re = ca.horzcat(d_re[R, S], ca.SX(len(R), len(inner))) + d_re[R, C] @ P_re - d_im[R, C] @ P_im
+        kept_im = ca.horzcat(d_im[R, S], ca.SX(len(R), len(inner))) + d_re[R, C] @ P_im + d_im[R, C] @ P_re
+        slopes_re.append(ca.vec(kept_re + L_re @ below_re - L_im @ below_im))
+        slopes_im.append(ca.vec(kept_im + L_re @ below_im + L_im @ below_re))
+    found = [ca.densify(ca.horzcat(*slopes)) for slopes in (slopes_re, slopes_im)]
+    return ca.Function("Z_slopes", [kappa, p, P_re, P_im], ca.cse(found))
+
+
+def _slope(matrix: ca.SX, variable: ca.SX) -> ca.SX:
+    """Return the derivative of each entry of a matrix."""
+    return ca.reshape(ca.jacobian(ca.vec(matrix), variable), *matrix.shape)
