@@ -14,6 +14,7 @@ from .diagram import Diagram as Diagram
 from .diagram import bifurcation_diagram as bifurcation_diagram
 from .isolated import isolated_branches as isolated_branches
 from .judging import estimate as estimate
+from .judging import stabilities_of as stabilities_of
 from .judging import stability_of as stability_of
 from .judging import verified as verified
 from .motions import cycle_after as cycle_after

@@ -61,9 +61,20 @@ def stability_of(system: System, orbit: Orbit) -> Stability | None:
 
 
 def stabilities_of(system: System, orbits: Sequence[Orbit], polish: bool = True) -> list[Stability | None]:
-    """Return what `stability_of` does of each of some orbits, judged together; None also where time is over.
+    """Return what `stability_of` does of each of some orbits, which are judged together.
 
-    Without polish, cycles are judged as they are.
+    Parameters
+    ----------
+    system : System
+    orbits : sequence of Orbit
+        The stability of those that have one is taken as it is.
+    polish : bool
+        Whether to polish cycles whose stability is unknown; otherwise they are judged as they are.
+
+    Returns
+    -------
+    list of Stability or None
+        None where the multipliers cannot be computed at all, or the time limit was reached before.
     """
     found: list[Stability | None] = []
     most = max(1, TOGETHER // system.n_states**2)

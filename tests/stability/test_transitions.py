@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm, expm_frechet
 
 import hbbogie as hb
+from hbbogie.branches import stabilities_of
 from hbbogie.exponential import exponentials, exponentials_with_derivative
 from hbbogie.model import DeadBand
 from hbbogie.stability import floquet
@@ -65,3 +66,19 @@ def test_the_determinant_of_a_stiff_system_is_not_lost():
     assert np.sort_complex(result.multipliers[:2]) == pytest.approx(np.sort_complex(exact), rel=1e-12)
     assert abs(result.multipliers[2]) < 1e-15
     assert float(result.reason.rsplit(" ", 1)[1][:-1]) < 1e-12  # of the logarithm of the determinant
+
+
+@pytest.mark.parametrize("name", ["bogie", "van der Pol"])
+def test_cycles_judged_together_are_judged_as_each_alone(name, bogie, cycles_at_90):
+    """IDENTITY: a batch is nothing but its members, by exponentials and by steps."""
+    system, orbits = bogie, list(cycles_at_90)
+    if name != "bogie":
+        system = hb.load_problem("van_der_pol").van_der_pol(mu=0.5)
+        equations = hb.HarmonicBalance(9).equations(system)
+        first = hb.Orbit(system.name, ("x",), ("",), np.array([[0.0], [2.0], [0.0]]), 1.0, dict(system.values))
+        orbits = [hb.solve(equations, first, mu=mu) for mu in (0.2, 0.5, 0.8)]
+    orbits = [o.replace(stability=None) for o in orbits]
+    for together, orbit in zip(stabilities_of(system, orbits), orbits, strict=True):
+        alone = floquet(system, orbit)
+        assert together is not None and together.verdict == alone.verdict
+        assert together.multipliers == pytest.approx(alone.multipliers, abs=1e-12)
