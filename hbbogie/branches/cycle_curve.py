@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import issparse
 
 from hbbogie.branches.homoclinic import homoclinic_ending
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
-from hbbogie.solving.curve import Dense, Point
+from hbbogie.solving.curve import Dense, Point, Sparse
+from hbbogie.solving.linear import scaled
 from hbbogie.solving.newton import Buffered, Conditions, Problem
 
 Array = NDArray[np.float64]
@@ -53,16 +56,23 @@ class CycleCurve:
         self.scale = np.append(equations.scale, (interval[1] - interval[0]) / 4)
         self.weights, self.window = np.ones(len(self.scale)), {equations.size: interval}
         self.rows, self.tolerance = equations.residual_scale, tolerance
-        self._units, self._frequency = self.scale / self.rows[:, None], Buffered(equations.frequency)
+        self._frequency = Buffered(equations.frequency)
+
+    @cached_property
+    def _units(self) -> Array:
+        return np.asarray(self.scale / self.rows[:, None])
 
     def evaluate(self, u: Array) -> tuple[Array, Array]:
         """Return scaled residual, shape (m,), and Jacobian, shape (m, m + 1)."""
         F, J = self.problem.evaluate(u)
         return F / self.rows, J * self._units
 
-    def linearise(self, u: Array) -> Dense:
+    def linearise(self, u: Array) -> Dense | Sparse:
         """Return the equations and their derivative."""
-        return Dense(*self.evaluate(u))
+        F, J = self.problem.linearise(u)
+        if issparse(J):
+            return Sparse(F / self.rows, scaled(J, self.rows, self.scale))
+        return Dense(F / self.rows, J * self._units)
 
     def settle(self, u: Array) -> None:
         """Take note of nothing."""
@@ -115,9 +125,7 @@ class CycleCurve:
 
         The smallest singular value of the Jacobian bordered by the tangent, with the sign of the determinant.
         """
-        bordered = np.vstack([self.evaluate(point.u)[1], point.tangent])
-        sign = np.linalg.slogdet(bordered)[0]
-        return float(sign * np.linalg.svd(bordered, compute_uv=False)[-1])
+        return self.linearise(point.u).signed_size(point.tangent)
 
     def inaccuracy(self, point: Point, left: float) -> float:
         """Return the length of arc by which a point may be off for what is left of the equations there.
