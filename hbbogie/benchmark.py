@@ -1,7 +1,7 @@
 """Benchmarks: ``python -m hbbogie.benchmark`` measures the main steps on Yang's bogie and prints them.
 
 ``python -m hbbogie.benchmark reliability --count 200`` counts how often random bogies, damaged stores and killed
-studies end as they should.
+studies end as they should. ``python -m hbbogie.benchmark train`` measures trains of 1 to 16 vehicles.
 
 Each figure is the best of several single-threaded runs on this machine. Elapsed time is shown beside the processor time
 of this process, which is less sensitive to other work on the machine. Parts can be named: ``exact``, ``collocation``,
@@ -44,6 +44,7 @@ from hbbogie import (
     verify,
 )
 from hbbogie.benchmark_reliability import measure_reliability, print_reliability
+from hbbogie.benchmark_train import measure_trains, print_trains
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import collocated
@@ -303,7 +304,7 @@ def main(arguments: Sequence[str] = ()) -> None:
     known = {"exact": measure_exact, "collocation": measure_collocation, "balance": measure}
     known |= {"auto": measure_auto, "explorer": measure_explorer}
     parser = argparse.ArgumentParser(prog="python -m hbbogie.benchmark", description=__doc__)
-    parser.add_argument("parts", nargs="*", help=f"{', '.join(known)}; or reliability")
+    parser.add_argument("parts", nargs="*", help=f"{', '.join(known)}; or reliability; or train")
     parser.add_argument("--count", type=int, default=200, help="random bogies and flipped bits of reliability")
     given = parser.parse_args(arguments)
     if given.parts == ["reliability"]:
@@ -311,9 +312,12 @@ def main(arguments: Sequence[str] = ()) -> None:
             parser.error(f"--count {given.count}: give a whole number, 1 or more")
         print_reliability(measure_reliability(given.count))
         return
+    if given.parts == ["train"]:
+        print_trains(measure_trains())
+        return
     for part in given.parts:
         if part not in known:
-            parser.error(unknown_name("part", part, [*known, "reliability"]))
+            parser.error(unknown_name("part", part, [*known, "reliability", "train"]))
     table = Table()
     for part in given.parts or known:
         known[part](table)

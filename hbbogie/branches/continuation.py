@@ -264,7 +264,7 @@ def _first_point(curve: CycleCurve, orbit: Orbit, equations: Equations, growing:
         raise last
     p = equations.system.vector(**values, **{name: found.parameters[name]})
     y = np.append(equations.encode(found), p[place])
-    first = point_at(curve, y, np.linalg.svd(curve.evaluate(y)[1])[2][-1])
+    first = point_at(curve, y, curve.linearise(y).across())
     grows = first.tangent[equations.leading if growing and not equations.advance else -1]
     if growing and equations.advance:  # both waves of the first harmonic are unknowns
         pair = slice(i := equations.cosines[equations.phase or 0], i + 2)

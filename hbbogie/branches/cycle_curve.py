@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import issparse
 
 from hbbogie.branches.homoclinic import homoclinic_ending
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
 from hbbogie.results.ending import Ending
-from hbbogie.solving.curve import Dense, Point
+from hbbogie.solving.curve import Dense, Point, Sparse
+from hbbogie.solving.linear import scaled
 from hbbogie.solving.newton import Buffered, Conditions, Problem
 
 Array = NDArray[np.float64]
@@ -62,9 +65,14 @@ class CycleCurve:
         J *= self.scale
         return F / self.rows, J
 
-    def linearise(self, u: Array) -> Dense:
+    def linearise(self, u: Array) -> Dense | Sparse:
         """Return the equations and their derivative."""
-        return Dense(*self.evaluate(u))
+        F, J = self.problem.linearise(u)
+        if issparse(J):
+            return Sparse(F / self.rows, scaled(J, self.rows, self.scale))
+        J /= self.rows[:, None]
+        J *= self.scale
+        return Dense(F / self.rows, J)
 
     def settle(self, u: Array) -> None:
         """Take note of nothing."""
@@ -117,9 +125,7 @@ class CycleCurve:
 
         The smallest singular value of the Jacobian bordered by the tangent, with the sign of the determinant.
         """
-        bordered = np.vstack([self.evaluate(point.u)[1], point.tangent])
-        sign = np.linalg.slogdet(bordered)[0]
-        return float(sign * np.linalg.svd(bordered, compute_uv=False)[-1])
+        return self.linearise(point.u).signed_size(point.tangent)
 
     def inaccuracy(self, point: Point, left: float) -> float:
         """Return the length of arc by which a point may be off for what is left of the equations there.

@@ -19,10 +19,13 @@ from hbbogie.equilibria.census import Start
 from hbbogie.errors import ModelError, door, positive, whole
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.methods.size import has_many_states
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.results import Cycles, Orbit
 from hbbogie.results.failure import FAILURES, ConvergenceError
+from hbbogie.solving.linear import scaled, singularity
+from hbbogie.solving.newton import Conditions, Problem
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 
@@ -127,10 +130,11 @@ def find_cycles(
     interval = check_interval(system, name, interval)
     with time_limit(limit):
         census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
-        census.follow_branches()
-        census.simulate()
-        census.look_in_groups()
-        census.follow_cycles()
+        looks = [census.follow_branches, census.simulate, census.look_in_groups]
+        if has_many_states(system):  # branches take long, and there are many
+            looks = [*looks[1:], looks[0]]
+        for look in (*looks, census.follow_cycles):
+            look()
         found, undecided, family = census.found, "", census.polishing.family
         if family and not found:
             raise ModelError(family)
@@ -271,6 +275,5 @@ def _isolated(equations: Equations, orbit: Orbit) -> bool:
     """Tell whether a cycle is the only one near by: whether the Jacobian at fixed parameters is regular."""
     equations = equations.phased(orbit)
     z, p = equations.encode(orbit), equations.system.vector(**orbit.parameters)
-    J = equations.derivatives(())(z, p)[1].full() / equations.residual_scale[:, None] * equations.scale
-    sizes = np.linalg.svd(J, compute_uv=False)
-    return bool(sizes[-1] > 1e-9 * sizes[0])
+    J = Problem(equations, Conditions(), p).linearise(z)[1]
+    return singularity(scaled(J, equations.residual_scale, equations.scale)) > 1e-9

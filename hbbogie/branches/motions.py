@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
+from hbbogie.branches.confirming import confirmed
 from hbbogie.branches.same import BLOCKS, in_one_turn, of_prime_period, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.rest import angles_of
 from hbbogie.errors import ModelError
+from hbbogie.methods.size import has_many_states
 from hbbogie.model.system import System
 from hbbogie.model.turns import changed, turns_of
 from hbbogie.motion.integration import initial_state, states_after
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.periodic import FourierSeries
-from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
 CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
@@ -31,6 +32,7 @@ SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
 NEAR = 0.1  # distance from an equilibrium, likewise, beyond which a motion that hardly moves is not at rest
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
+AT_REST = 1e-2  # range of a state of many, relative to the largest, up to which it counts as none
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
 TURN = 2 * np.pi
 STATES = (Trajectory, Mapping, np.ndarray)  # types of what gives a state
@@ -121,7 +123,7 @@ def cycle_after(system: System, start: Start) -> Orbit:
             f"the motion from the start {ends.get(kind, 'has not come back to itself')}: there is no cycle to begin "
             "with. What to try: another state, or a cycle of find_cycles."
         )
-    return of_prime_period(verify(system, orbit).orbit, turns_of(system.dynamics))
+    return of_prime_period(confirmed(system, orbit), turns_of(system.dynamics))
 
 
 def recurrences(system: System, x: Array, h: float, size: Array, known: list[Array]) -> Iterator[Recurrence]:
@@ -142,6 +144,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     """
     p, elapsed = system.vector(), 0.0
     turns = np.append(turns_of(system.dynamics), np.zeros(system.n_states - system.n))
+    least = AT_REST if has_many_states(system) else 0.0  # what hardly moves, far from what does, need not come back
     orbit: Orbit | None = None
     closest = RECURS
     for _ in range(CHUNKS):
@@ -168,7 +171,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
             yield Recurrence("running", None, elapsed, running)
             return
         spread = np.where(turns, np.minimum(spread, turns), spread)
-        found = _recurrence(states, spread, turns)
+        found = _recurrence(states, np.maximum(spread, least * spread.max()), turns)
         if found is None:
             h *= 2
             continue

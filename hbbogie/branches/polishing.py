@@ -6,11 +6,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hbbogie.branches.confirming import by_harmonics
 from hbbogie.branches.crossing import family_message
 from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import in_one_turn, of_prime_period
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.methods.size import has_many_states
 from hbbogie.model.conserved import conserved_along
 from hbbogie.model.system import System
 from hbbogie.model.turns import turns_of
@@ -45,7 +47,15 @@ class Polishing:
     family: str = field(default="")
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
-        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm."""
+        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm.
+
+        Where there are many states, more harmonics alone confirm it.
+        """
+        if has_many_states(self.system):
+            try:
+                return self.isolated(by_harmonics(self.system, orbit))
+            except FAILURES:
+                return None
         if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
             return self.isolated(cycle.orbit())
         finer, resolved = orbit, False

@@ -61,7 +61,7 @@ def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
     return bool((np.abs(first - second) <= far * width).all())
 
 
-def of_prime_period(orbit: Orbit, turns: ArrayLike = ()) -> Orbit:
+def of_prime_period(orbit: Orbit, turns: ArrayLike = (), absent: float = ABSENT, rest: float = 0.0) -> Orbit:
     """Return a cycle that was run through several times as one that is run through once.
 
     Parameters
@@ -69,12 +69,17 @@ def of_prime_period(orbit: Orbit, turns: ArrayLike = ()) -> Orbit:
     orbit : Orbit
     turns : array_like, shape (n,), unit of the coordinate
         The turn of each coordinate, 0 where it has none; needed where coordinates run on.
+    absent : float
+        Share of a coordinate's largest harmonic up to which another one is not there.
+    rest : float
+        Share of the largest harmonic of all up to which that of a coordinate is none.
     """
     if not orbit.kept:  # solved for as a cycle of that period
         return orbit
     waves = np.hypot(orbit.coefficients[1::2], orbit.coefficients[2::2])
     least = ROUND_OFF * np.maximum(np.abs(orbit.coefficients).max(axis=0), 1e-2 * waves.max(initial=0.0))
-    present = 1 + np.flatnonzero((waves > np.maximum(ABSENT * waves.max(axis=0), least)).any(axis=1))
+    size = np.maximum(waves.max(axis=0), rest * waves.max(initial=0.0))
+    present = 1 + np.flatnonzero((waves > np.maximum(absent * size, least)).any(axis=1))
     times = int(np.gcd.reduce(present)) if len(present) else 0
     if orbit.advance:  # each part of a period has its whole turns
         whole = np.divide(orbit.advance, turns, out=np.zeros(len(orbit.advance)), where=np.array(turns) != 0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.methods.size import has_many_states
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
 from hbbogie.model.turns import turns_of
@@ -18,6 +19,7 @@ from hbbogie.stability.multipliers import floquet
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NUDGE = 1e-2  # along unstable directions, relative to the size of the states
+DISPLACED = 1.25  # a group of bodies, relative to the size of the states
 STATES = 24  # random states times states of the system
 NEWTON = 20
 LONGEST = 100  # periods in which a motion leaves a cycle
@@ -96,8 +98,11 @@ def sizes(system: System, equilibria: list[Equilibrium], cycles: list[Orbit], am
 
 
 def starts_of(system: System, equilibria: list[Equilibrium], size: Array) -> list[tuple[str, Array]]:
-    """Return the states from which motions are simulated: beside equilibria, and random ones of a fixed seed."""
-    starts: list[tuple[str, Array]] = []
+    """Return the states from which motions are simulated: beside equilibria, and random ones of a fixed seed.
+
+    Of many states, also those in which one group of bodies is displaced and all others rest.
+    """
+    starts = _in_groups(system, equilibria, size) if has_many_states(system) else []
     for k, e in enumerate(equilibria, 1):
         where = f"beside equilibrium {k}"
         for j in range(e.unstable):
@@ -166,6 +171,16 @@ def beside_cycle(system: System, orbit: Orbit) -> Array | None:
         return np.asarray(states_after(system, x, system.vector(), orbit.period, leaving, TOLERANCE)[-1])
     except ConvergenceError:
         return None
+
+
+def _in_groups(system: System, equilibria: list[Equilibrium], size: Array) -> list[tuple[str, Array]]:
+    """Return states in which all coordinates of one group are displaced alike from the first equilibrium."""
+    rest, starts = equilibria[0].x if equilibria else np.zeros(len(size)), []
+    for name, own in system.groups.items() if len(system.groups) > 1 else ():
+        x, places = rest.copy(), [system.index(coordinate) for coordinate in own]
+        x[places] += DISPLACED * size[places]
+        starts.append((f"a state in which only the {name} is displaced", x))
+    return starts
 
 
 def _on_level(

@@ -13,7 +13,8 @@ from hbbogie.methods.assembly import Assembly
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.layout import Layout, make_layout
 from hbbogie.methods.scales import make_equations
-from hbbogie.methods.size import check_size
+from hbbogie.methods.size import check_size, is_sparse
+from hbbogie.methods.sparse_assembly import SparseAssembly
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.model.turns import check_advance
@@ -36,7 +37,8 @@ class HarmonicBalance:
         parameters are still correct there, but at values that break the symmetry the equations no longer describe the
         cycles.
     condense : bool
-        Eliminate the coordinates that enter linearly, harmonic by harmonic (eq-condensation).
+        Eliminate the coordinates that enter linearly, harmonic by harmonic (eq-condensation). If more than
+        20 enter nonlinearly none is eliminated, since the equations then have a sparse Jacobian.
     contact : bool
         Integrate piecewise-linear elements exactly between their contact times; otherwise sample them.
     phase : str, optional
@@ -95,9 +97,10 @@ class HarmonicBalance:
         """Raise `ModelError` where the equations of a system would take too much memory; it takes no time itself."""
         parts = system.parts(self.contact)
         samples = (self.samples or self.default_samples) if parts.remainder_rows else 0
-        count = (len(system.nonlinear_coordinates) or 1) if self.condense else system.n
+        nonlinear = self.condense or is_sparse(system)
+        count = (len(system.nonlinear_coordinates) or 1) if nonlinear else system.n
         odd = system.odd if self.odd is None else self.odd
-        check_size(int(self.harmonics), samples, count, system.name, odd)
+        check_size(int(self.harmonics), samples, count, system, odd)
 
     def layout(self, system: System, kept: tuple[int, ...], advance: tuple[float, ...] = ()) -> Layout:
         """Return which coefficients of which coordinates are unknowns."""
@@ -128,11 +131,17 @@ class HarmonicBalance:
         if advance:
             check_advance(system.dynamics, advance)
         kept = self.kept(system, advance)
-        assembly = system.once((self, kept, advance), lambda: Assembly(self.layout(system, kept, advance), system))
+        assembly = system.once((self, kept, advance), lambda: self._assembly(system, kept, advance))
         found = make_equations(system, assembly, f"harmonic balance, {_list(kept)}")
         with_even = replace(self, odd=False).equations if self.odd is None and 0 not in kept else None
         with_phase = None if self.phase else partial(_with_phase, self)
         return replace(found, with_phase=with_phase, with_even=with_even, running=self._equations)
+
+    def _assembly(self, system: System, kept: tuple[int, ...], advance: tuple[float, ...]) -> Assembly | SparseAssembly:
+        """Return the functions of the equations: of many coordinates those whose Jacobian is sparse."""
+        if is_sparse(system) and self.harmonics and self.contact and not advance:
+            return SparseAssembly(replace(self, condense=False).layout(system, kept), system)
+        return Assembly(self.layout(system, kept, advance), system)
 
 
 def _with_phase(method: HarmonicBalance, name: str, system: System) -> Equations:

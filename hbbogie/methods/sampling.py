@@ -84,7 +84,7 @@ class Sampling:
         values = f.map("slopes", "serial", len(tau), [3, 4], [])(*states, p, dt)
         kept, length = fourier.rows_of(layout.kept), np.pi if layout.half else 2 * np.pi
         table = product_table(layout.H, kept, length)
-        moments = ca.DM(_moments(layout.H, tau, length))
+        moments = ca.DM(sample_moments(layout.H, tau, length))
         D = fourier.derivative(np.eye(2 * layout.H + 1))[
             np.ix_(fourier.rows_of(layout.moving), fourier.rows_of(layout.moving))
         ]
@@ -132,7 +132,7 @@ class Sampling:
         return ca.Function("sampled_hessian", [z, p, pull], [f(ca.vertcat(z, ca.MX.zeros(len(free))), p, pull)])
 
 
-def _moments(H: int, tau: Array, length: float) -> Array:
+def sample_moments(H: int, tau: Array, length: float) -> Array:
     """Return the matrix that maps samples at ``tau`` to integrals with cos(k tau), sin(k tau), k = 0 ... 2 H."""
     k = np.arange(2 * H + 1)[:, None]
     return np.vstack([np.cos(k * tau), np.sin(k * tau)]) * (length / len(tau))

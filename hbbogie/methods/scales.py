@@ -11,6 +11,7 @@ from hbbogie.methods.assembly import Assembly
 from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.layout import Layout
+from hbbogie.methods.sparse_assembly import SparseAssembly
 from hbbogie.model.parts import Parts
 from hbbogie.model.system import System
 
@@ -18,13 +19,13 @@ Array = NDArray[np.float64]
 SMALLEST, LARGEST = 1e-5, 1e3  # bounds of the unknowns, in units of their scale
 
 
-def make_equations(system: System, assembly: Assembly, method: str) -> Equations:
+def make_equations(system: System, assembly: Assembly | SparseAssembly, method: str) -> Equations:
     """Return the equations with bounds and scales at the system's parameter values.
 
     Parameters
     ----------
     system : System
-    assembly : Assembly
+    assembly : Assembly or SparseAssembly
     method : str
         Description of the method, for messages.
     """

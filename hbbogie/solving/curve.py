@@ -1,13 +1,13 @@
 """What a curve of solutions has to provide so that `walk` can follow it: its equations, linearised at a point.
 
-If the derivative is a full matrix, `Dense` does the rest.
+If the derivative is a full matrix, `Dense` does the rest, and `Sparse` if it is a sparse one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from scipy.linalg.lapack import dgesv
 
 from hbbogie.brief import brief
 from hbbogie.results.ending import Ending
+from hbbogie.solving.linear import Factors, with_row
 
 Array = NDArray[np.float64]
 
@@ -74,6 +75,50 @@ class Dense:
             raise np.linalg.LinAlgError("the bordered Jacobian is singular")
         flips = np.count_nonzero(pivots != np.arange(n)) + np.count_nonzero(lu.diagonal() < 0)
         return x, -1.0 if flips % 2 else 1.0
+
+    def across(self) -> Array:
+        """Return a vector that is normal to no tangent: here the tangent itself."""
+        return np.asarray(np.linalg.svd(self.jacobian)[2][-1])
+
+    def signed_size(self, plane: Array) -> float:
+        """Return the smallest singular value of the bordered equations, with the sign of the determinant."""
+        bordered = np.vstack([self.jacobian, plane])
+        sign = np.linalg.slogdet(bordered)[0]
+        return float(sign * np.linalg.svd(bordered, compute_uv=False)[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """Linearised equations whose derivative is a sparse matrix.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n,)
+    jacobian : scipy.sparse.csc_matrix, shape (n, n + 1)
+        Both scaled.
+    """
+
+    residual: Array
+    jacobian: Any
+
+    __repr__ = brief
+
+    def solve(self, plane: Array, right: Array) -> tuple[Array, float]:
+        """Solve the bordered equations by sparse LU factorisation, see `Linearised`."""
+        factors = Factors(with_row(self.jacobian, plane))
+        return factors.solve(right), factors.sign
+
+    def across(self) -> Array:
+        """Return a vector that is normal to no tangent: a random one."""
+        return np.random.default_rng(0).standard_normal(self.jacobian.shape[1])
+
+    def signed_size(self, plane: Array) -> float:
+        """Return the smallest singular value of the bordered equations, with the sign of the determinant."""
+        try:
+            factors = Factors(with_row(self.jacobian, plane))
+        except np.linalg.LinAlgError:
+            return 0.0
+        return factors.sign * factors.smallest
 
 
 class Curve(Protocol):

@@ -11,6 +11,7 @@ from hbbogie.methods.equations import Equations
 from hbbogie.methods.level import within_family
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.linear import scaled, singularity
 from hbbogie.solving.newton import Conditions, Problem, newton
 
 BESIDE = 1.03  # amplitude of another member, relative to that of a cycle, by which a family is told
@@ -40,9 +41,10 @@ def of_family(equations: Equations, orbit: Orbit, tolerance: float) -> bool:
     if not level_of(equations, orbit):
         return False
     z, p = equations.encode(orbit), equations.system.vector(**orbit.parameters)
-    F, J = (x.full() / equations.residual_scale[:, None] for x in equations.derivatives(())(z, p))
-    sizes = np.linalg.svd(J * equations.scale, compute_uv=False)
-    if not (np.abs(F).max() <= MET**0.5 and sizes[-1] <= SINGULAR * sizes[0]):
+    F, J = Problem(equations, Conditions(), p).linearise(z)
+    if not np.abs(F / equations.residual_scale).max() <= MET**0.5:
+        return False
+    if not singularity(scaled(J, equations.residual_scale, equations.scale)) <= SINGULAR:
         return False
     try:  # at a fold and where branches cross there is none
         member(equations, orbit, BESIDE * level_of(equations, orbit), tolerance, **orbit.parameters)

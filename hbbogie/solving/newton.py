@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
+from hbbogie.solving.linear import Matrix, scaled, solution, with_row
 
 Array = NDArray[np.float64]
 ROUND_OFF = 1e-4  # share of the tolerance below which no further step is needed
@@ -34,24 +37,37 @@ class Conditions:
 
 
 class Buffered:
-    """A CasADi function with dense inputs and outputs, called on NumPy arrays without conversions."""
+    """A CasADi function with dense inputs, called on NumPy arrays without conversions; its outputs may be sparse."""
 
     def __init__(self, function: ca.Function):
         self.buffer, self.run = function.buffer()
         self.inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
         outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        self.patterns = [_pattern(function.sparsity_out(i)) for i in range(function.n_out())]
         for i, a in enumerate(self.inputs):
             self.buffer.set_arg(i, a.data)
         for i, a in enumerate(outputs):
             self.buffer.set_res(i, a.data)
-        self.outputs = [a.reshape(function.size_out(i), order="F") for i, a in enumerate(outputs)]
+        self.outputs = [
+            a.reshape(function.size_out(i), order="F") if self.patterns[i] is None else a for i, a in enumerate(outputs)
+        ]
+        self.shapes = [function.size_out(i) for i in range(function.n_out())]
 
-    def __call__(self, *values: Array) -> list[Array]:
-        """Return the values of the function, each of its shape."""
+    def __call__(self, *values: Array) -> list[Any]:
+        """Return the values of the function, each of its shape: arrays, or sparse matrices by columns."""
         for a, value in zip(self.inputs, values, strict=True):
             a[:] = value
         self.run()
-        return [a.copy() for a in self.outputs]
+        found = [a.copy() for a in self.outputs]
+        return [
+            a if pattern is None else csc_matrix((a, *pattern), shape=shape)
+            for a, pattern, shape in zip(found, self.patterns, self.shapes, strict=True)
+        ]
+
+
+def _pattern(sparsity: ca.Sparsity) -> tuple[NDArray[np.int_], NDArray[np.int_]] | None:
+    """Return rows and beginnings of columns of a sparse matrix; None for a full one."""
+    return None if sparsity.is_dense() else (np.array(sparsity.row()), np.array(sparsity.colind()))
 
 
 @dataclass(frozen=True)
@@ -125,13 +141,18 @@ class Problem:
         return p
 
     def evaluate(self, y: Array) -> tuple[Array, Array]:
-        """Return the residual and its Jacobian with respect to y."""
+        """Return the residual and its Jacobian with respect to y, a full matrix."""
+        F, J = self.linearise(y)
+        return F, J.toarray() if isinstance(J, csc_matrix) else J
+
+    def linearise(self, y: Array) -> tuple[Array, Matrix]:
+        """Return the residual and its Jacobian with respect to y, a sparse matrix where the equations have one."""
         z, p = y[: self.equations.size], self.parameters(y)
         F, J = self._jacobian(z, p)
         F = F.ravel()
         if self.conditions.amplitude is not None:
             g, dg = first_harmonic(self.equations, self.conditions)(z, p)
-            F, J = np.append(F, float(g) - self.target), np.vstack([J, dg.full()])
+            F, J = np.append(F, float(g) - self.target), with_row(J, dg.full())
         return F, J
 
     def orbit(self, y: Array, status: str) -> Orbit:
@@ -171,19 +192,19 @@ def newton(problem: Problem, y: Array, tolerance: float) -> tuple[Array, float, 
         Its largest scaled residual; at most ``tolerance`` when converged.
     iterations : int
     """
-    F, J = problem.evaluate(y)
+    F, J = problem.linearise(y)
     error, met = float(np.abs(F / problem.row_scale).max()), False
     for iteration in range(NEWTON_ITERATIONS):
         if (error <= tolerance and met) or error <= ROUND_OFF * tolerance or not np.isfinite(error):
             return y, error, iteration
         met = error <= tolerance  # one more step is cheap and reaches round-off
         try:
-            step = np.linalg.solve(J / problem.row_scale[:, None] * problem.scale, F / problem.row_scale)
+            step = solution(scaled(J, problem.row_scale, problem.scale), F / problem.row_scale)
         except np.linalg.LinAlgError:
             return y, error, iteration
         for halving in range(HALVINGS):
             trial = y - 0.5**halving * problem.scale * step
-            F, J = problem.evaluate(trial)
+            F, J = problem.linearise(trial)
             new = float(np.abs(F / problem.row_scale).max())
             if new < error:
                 break

@@ -23,6 +23,7 @@ Complex = NDArray[np.complex128]
 
 MARGIN = 5.0  # distance from the unit circle, in errors of the trivial multiplier, beyond which the side is certain
 CANDIDATES = 0.3  # distance from 1 up to which a multiplier may be the trivial one
+AT_REST = 1e-6  # smallest size of a state that counts, relative to the largest
 ALIGNED = 0.999  # ratio of cosines of angles with the motion's direction above which they count as equal
 
 
@@ -124,7 +125,8 @@ def floquet_of_each(
 
 def _judged(waveforms: Waveforms, steps: int | None, tolerance: float, halved: bool) -> list[Stability]:
     """Return the verdicts on cycles."""
-    system, p, sizes = waveforms.system, waveforms.p, waveforms.all_states.size
+    system, p = waveforms.system, waveforms.p
+    sizes = np.array([_sizes(size, system.n) for size in waveforms.all_states.size])
     every, parts = np.arange(len(p)), 2 if halved else 1
     rates = system.ode(waveforms.all_states.at(np.zeros(len(p)), of=every).T, p.T).full().T
     conserved, names = conserved_in_each(system, p, sizes), state_names(system)
@@ -143,6 +145,12 @@ def _judged(waveforms: Waveforms, steps: int | None, tolerance: float, halved: b
         motion = Motion(rates[k], sizes[k], conserved[k], names)
         found.append(judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance, motion))
     return found
+
+
+def _sizes(size: Array, n: int) -> Array:
+    """Return sizes of the states, at least `AT_REST` of the largest: disturbances of a state at rest are not huge."""
+    parts = np.split(size, [n])
+    return np.concatenate([np.maximum(part, AT_REST * part.max(initial=0.0)) for part in parts])
 
 
 def is_halved(system: System, orbit: Orbit, half: bool | None = None) -> bool:

@@ -5,6 +5,7 @@ They are exponentials if the system is linear between switchings, and otherwise 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.exponential import exponentials
 from hbbogie.model.system import System
+from hbbogie.stability.sparse_transitions import group_matrices, in_groups, spectral_radius
 from hbbogie.stability.variation import Model, Waveforms
 
 Array = NDArray[np.float64]
@@ -34,7 +36,7 @@ class Transitions:
     mesh : ndarray, shape (N + 1,), rad
         Its phases include every switching.
     matrices : ndarray, shape (N, n_states, n_states)
-        Transition matrix of each interval.
+        Transition matrix of each interval, or, of many states, of each group of neighbouring intervals.
     trace : float
         Integral of the trace of the state matrix over the mesh.
     """
@@ -44,7 +46,7 @@ class Transitions:
     trace: float
 
 
-def transitions_along(waveforms: Waveforms, steps: int | None = None, *, half: bool = False) -> list[Transitions]:
+def transitions_along(waveforms: Waveforms, steps: int | None = None, *, half: bool = False) -> Iterable[Transitions]:
     """Return the transition matrices of each orbit over the period, or its first half.
 
     Parameters
@@ -57,10 +59,15 @@ def transitions_along(waveforms: Waveforms, steps: int | None = None, *, half: b
         Whether the mesh ends at pi instead of 2 pi.
     """
     ends, of = waveforms.phases(np.pi if half else 2 * np.pi)
-    if waveforms.straight and steps is None:
+    grouped = in_groups(waveforms.system)
+    if waveforms.straight and steps is None and not grouped:
         return _exact(waveforms, ends, of)
     own = np.split(ends, np.flatnonzero(np.diff(of)) + 1)
-    return _stepped(waveforms, _meshes(waveforms, own, steps, 2 if half else 1))
+    meshes = _meshes(waveforms, own, steps, 2 if half else 1)
+    if grouped:
+        # of one orbit after the other, since those of all would not fit into memory
+        return (Transitions(mesh, *group_matrices(waveforms, mesh, k)) for k, mesh in enumerate(meshes))
+    return _stepped(waveforms, meshes)
 
 
 def product(transitions: Array) -> Array:
@@ -140,6 +147,9 @@ def _fastest_eigenvalues(waveforms: Waveforms, midpoints: list[Array]) -> Array:
         for grid, end in zip(grids, last, strict=True)
     ]
     places = np.concatenate(some)
+    if in_groups(waveforms.system):
+        last_some = [own[-16:] for own in some]
+        return np.array([spectral_radius(waveforms, x[own], lines[own], k) for k, own in enumerate(last_some)])
     A = _matrices(waveforms, x[places], lines[places], of[places])
     first = np.cumsum([0, *map(len, some[:-1])])
     return np.asarray(np.maximum.reduceat(np.abs(np.linalg.eigvals(A)).max(axis=1), first))

@@ -1,0 +1,70 @@
+"""What confirms a cycle: shooting, or, where a system has many states, more harmonics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbogie import fourier
+from hbbogie.branches.same import of_prime_period
+from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.methods.size import has_many_states
+from hbbogie.model.system import System
+from hbbogie.model.turns import turns_of
+from hbbogie.results import Orbit
+from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.solvers import solve
+from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.verification import verify
+
+Array = NDArray[np.float64]
+ORDERS = (15, 31, 63)  # highest harmonics tried in turn
+CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that they confirm
+ROUGHLY = (5e-3, 1e-2)  # shares of harmonics that are none in the recurrence of a motion, see `of_prime_period`
+MOVING = 1e-8  # peak of a coordinate, relative to the largest, from which its waveform counts
+
+
+def confirmed(system: System, orbit: Orbit) -> Orbit:
+    """Return the cycle near an orbit, polished by shooting, or by more harmonics where there are many states.
+
+    Raises
+    ------
+    ConvergenceError
+        Where there is none.
+    """
+    return by_harmonics(system, orbit) if has_many_states(system) else verify(system, orbit).orbit
+
+
+def by_harmonics(system: System, orbit: Orbit) -> Orbit:
+    """Return the cycle near an orbit with so many harmonics that twice as many hardly change it, with its verdict.
+
+    Its errors are its changes with the last doubling of the harmonics.
+
+    Raises
+    ------
+    ConvergenceError
+        Where the balance has no solution, or goes on changing.
+    """
+    last, cycle = None, of_prime_period(orbit, turns_of(system.dynamics), *ROUGHLY)
+    at: dict[str, Any] = dict(orbit.parameters)
+    for H in ORDERS:
+        coarse, cycle = cycle, solve(HarmonicBalance(H).equations(system), cycle, method="newton", **at)
+        last = None if ORDERS[0] == H else coarse
+        if last is None or abs(cycle.omega / last.omega - 1) > CONVERGED:
+            continue
+        stability = floquet(system, cycle)
+        if stability.verdict != "unknown" or ORDERS[-1] == H:
+            status = f"{cycle.status}; {last.H} harmonics give the frequency within {abs(cycle.omega - last.omega):.1e}"
+            return cycle.replace(stability=stability, errors=_errors(cycle, last), status=f"{status} rad/s")
+    raise ConvergenceError(f"{ORDERS[-1]} harmonics do not resolve the cycle", orbit=cycle)
+
+
+def _errors(cycle: Orbit, coarse: Orbit) -> dict[str, float]:
+    """Return how much a cycle differs from itself with fewer harmonics."""
+    change = np.abs(cycle.coefficients - fourier.resize(coarse.coefficients, cycle.H)).sum(axis=0)
+    peaks = np.abs(cycle.extremes).max(axis=0)
+    moving = peaks > MOVING * peaks.max()
+    own = dict(zip(cycle.coordinates, change.tolist(), strict=True))
+    return {"omega": abs(cycle.omega - coarse.omega), "waveform": float((change / peaks)[moving].max()), **own}
