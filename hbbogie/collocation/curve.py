@@ -127,6 +127,8 @@ class OnMeshCurve:
             # that of the walk may belong to the tangent turned
             return abs(spectrum.singular) * point.orientation
         values = spectrum.others
+        if len(values) == 1:
+            return 1.0  # it is positive, by Liouville's formula
         with np.errstate(invalid="ignore", over="ignore"):
             factors = values if kind == "period doubling" else np.array([a * b for a, b in combinations(values, 2)])
             off = factors + 1 if kind == "period doubling" else factors - 1

@@ -14,6 +14,7 @@ from hbbogie.brief import brief
 from hbbogie.collocation.adaption import Placed, adapted_to, curve_at, error_at, located_between, refined
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.logarithms import positive_coordinates
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import FIRST, MOST, Guess, check_guess, on_mesh
 from hbbogie.collocation.special import KINDS, Special, judged, special_along, special_between, turning
@@ -315,13 +316,16 @@ def _off(value: float, point: Point) -> float:
 def _said(curve: OnMeshCurve, point: Point, end: Ending) -> Ending:
     """Return an ending, that of a homoclinic approach where it is one."""
     system, T = curve.equations.rates.system, float(np.exp(point.u[-2]))
-    if end.kind not in ("period", "stuck") or 10 * curve.longest / GROWN > T:
+    if end.kind not in ("period", "stuck"):
         return end
-    rest = homoclinic(system, curve.equations, point.u)
+    names, advice = ", ".join(positive_coordinates(system)), ""
+    if names:
+        advice = f"{names} are positive: their logarithms, hbbogie.collocation.in_logarithms, may lead farther"
+    rest = homoclinic(system, curve.equations, point.u) if 10 * curve.longest / GROWN < T else ""
     if not rest:
-        return end
+        return replace(end, advice=advice or end.advice)
     what = f"homoclinic approach near {curve.where(point.u)}, at {rest}; the period is {T:.4g} s"
-    return Ending("homoclinic", what, "" if end.kind == "period" else end.what)
+    return Ending("homoclinic", what, "; ".join(filter(None, ["" if end.kind == "period" else end.what, advice])))
 
 
 def _signature(curve: OnMeshCurve, point: Point) -> Array:
