@@ -240,7 +240,7 @@ def _walk(
             points, end = points[: len(points) // 2 + 1], Ending("points")
         over, there, growth = end.kind not in ("points", "stuck") or len(points) == 1, None, 1.0
         if kinked and len(points) > 1:
-            there = _settled(curve, points[-1], end, tolerance)
+            there = _settled(curve, points, end, tolerance)
             moved = _moved(curve, points[-1], *there) / length if there else np.inf
             if length > SHORTEST and moved > NEAR:
                 length /= 4  # the contacts change by too much
@@ -268,11 +268,11 @@ def _walk(
         curve, first = there
 
 
-def _settled(curve: OnMeshCurve, point: Point, end: Ending, tolerance: float) -> tuple[OnMeshCurve, Point] | None:
-    """Return a point with its own contact times on the mesh, at a limit with the unknown that has reached it."""
+def _settled(curve: OnMeshCurve, points: list[Point], end: Ending, tolerance: float) -> Placed | None:
+    """Return the last point with its own contact times on the mesh, at a limit with the unknown that has reached it."""
     if end.kind in AT:
-        return adapted_to(curve, point, curve.equations.N, AT[end.kind])
-    return refined(curve, point, tolerance)
+        return adapted_to(curve, points[-1], curve.equations.N, AT[end.kind])
+    return refined(curve, points[-1], tolerance, points[0])
 
 
 def _moved(curve: OnMeshCurve, point: Point, there: OnMeshCurve, found: Point) -> float:
