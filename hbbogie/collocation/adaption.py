@@ -82,8 +82,8 @@ def error_at(curve: OnMeshCurve, point: Point) -> float:
 def refined(curve: OnMeshCurve, point: Point, tolerance: float, near: Point | None = None) -> Placed | None:
     """Return the point on an adapted mesh that meets the tolerance, if it can be; None where it is lost.
 
-    The mesh fits ``near``, a point before, where that is given. How many intervals that takes follows from the order of the error, 2 m. Where more of them do not halve it, it is
-    round-off, as of a small cycle about a large mean.
+    The mesh fits ``near``, a point before, where that is given. How many intervals that takes follows from the order of
+    the error, 2 m. Where more of them do not halve it, it is round-off, as of a small cycle about a large mean.
     """
     N, found, least = curve.equations.N, None, np.inf
     order = 2 * curve.equations.m
