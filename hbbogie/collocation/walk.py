@@ -163,7 +163,7 @@ def follow(
     ConvergenceError
         When no cycle is found near the guess.
     ModelError
-        When the system is not smooth, or conserves a quantity; for a reversed interval, or a guess outside it or
+        When the system jumps, or conserves a quantity; for a reversed interval, or a guess outside it or
         of another kind.
     """
     if rates.parameter is None:
