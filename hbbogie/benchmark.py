@@ -46,12 +46,14 @@ from hbbogie import (
 from hbbogie.benchmark_reliability import measure_reliability, print_reliability
 from hbbogie.benchmark_train import measure_trains, print_trains
 from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.method import Collocation
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.special import judged
 from hbbogie.collocation.starting import from_motion, from_orbit
 from hbbogie.collocation.walk import follow as follow_on_mesh
 from hbbogie.errors import unknown_name
+from hbbogie.exact.method import Exact
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.starting import at_grazing
 from hbbogie.exact.walk import Walk, follow
@@ -220,6 +222,16 @@ def measure_collocation(table: Table) -> None:
         lambda: trace(balance, orbit, "mu", span),
         3,
         lambda b: f"{len(b)} points, tail {max(o.tail for o in b.orbits):.0e}",
+    )
+    bogie = load_problem("yang1995").bogie()
+    (hopf,) = hopf_points(bogie, "V", (60.0, 100.0))
+    (near,) = trace(Exact().equations(bogie), hopf, "V", (60.0, 100.0)).folds()
+    on_mesh = Collocation().equations(bogie)
+    table.add(
+        "fold of the bogie with its gradient, by collocation",
+        lambda: fold(on_mesh, near, "V"),
+        1,
+        lambda found: f"{found.value:.9f} m/s",
     )
 
 

@@ -54,7 +54,9 @@ def chosen_methods(
     if is_switched_linear(system):
         return ("exact", "mhb")
     jumps = any(element.heights is not None for element in system.elements)
-    return ("mhb",) if jumps else ("mhb", "collocation")
+    kinked = any(element.ramps is not None for element in system.elements)
+    # a branch past many contacts takes collocation minutes: there only where it is asked for
+    return ("mhb",) if jumps or (kinked and along is not None) else ("mhb", "collocation")
 
 
 def is_switched_linear(system: System) -> bool:

@@ -61,7 +61,7 @@ def trace(
     equations : Equations, ExactEquations or CollocationEquations
         In closed form step lengths are chosen from the curvature, every cycle is judged, and of the branch that begins
         at a pitchfork or a period doubling one half is followed: the other is its mirror image, or the same cycles. By
-        collocation the tolerance is that given there, and families do not occur.
+        collocation the tolerance is that given there, and a family ends after a few cycles.
     start : Orbit, SpecialPoint, Trajectory, mapping from name to value or ndarray
         A cycle on or near the branch, or a state: the motion from it leads to the cycle. From a Hopf point the branch
         is followed towards growing amplitude, beginning where a gap first closes if the system is linear until then;

@@ -3,8 +3,10 @@ from .elimination import Reduced as Reduced
 from .elimination import reduced as reduced
 from .equations import Linearised as Linearised
 from .equations import OnMesh as OnMesh
+from .logarithms import in_logarithms as in_logarithms
 from .method import Collocation as Collocation
 from .method import CollocationEquations as CollocationEquations
+from .multipliers import log_moduli as log_moduli
 from .rates import Rates as Rates
 from .solving import Guess as Guess
 from .solving import collocated as collocated

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.collocation.contacts import SETTLED, through_contacts
+from hbbogie.collocation.contacts import through_contacts
 from hbbogie.collocation.curve import OnMeshCurve, lifted
 from hbbogie.collocation.equations import OnMesh
 from hbbogie.collocation.solving import FIRST, MOST, SETTLING, adapted
@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 RESIDUAL = 1e-7  # largest scaled residual from which one more step of Newton is taken
 AIM = 0.03  # share of the tolerance that the error of a new mesh should have
 ROUND = 8  # multiples of it are numbers of intervals, so that compiled functions are used again
+CLOSE = 1e-7  # step after which contact times are right to its square
 FARTHEST = 2.0  # largest scaled step towards contact times
 SECANTS, MET = 40, 1e-10  # steps towards a special point, and the length of the last
 Placed = tuple[OnMeshCurve, Point]
@@ -58,7 +59,7 @@ def adapted_to(curve: OnMeshCurve, point: Point, N: int, fixed: int | None = Non
                 return None
             u = u + there.scale * step
             mesh = through_contacts(there.equations, u)
-        if mesh is None or np.abs(step).max() <= SETTLED:
+        if mesh is None or np.abs(step).max() <= CLOSE:
             found, _ = correct(there, u, plane)
             return None if found is None else (there, found if found.tangent @ along >= 0 else found.turned())
         equations, u = there.equations.moved(mesh, equations.m, u)
@@ -78,15 +79,15 @@ def error_at(curve: OnMeshCurve, point: Point) -> float:
     return max(period, states, parameter)
 
 
-def refined(curve: OnMeshCurve, point: Point, tolerance: float) -> Placed | None:
+def refined(curve: OnMeshCurve, point: Point, tolerance: float, near: Point | None = None) -> Placed | None:
     """Return the point on an adapted mesh that meets the tolerance, if it can be; None where it is lost.
 
-    How many intervals that takes follows from the order of the error, 2 m. Where more of them do not halve it, it is
-    round-off, as of a small cycle about a large mean.
+    The mesh fits ``near``, a point before, where that is given. How many intervals that takes follows from the order of
+    the error, 2 m. Where more of them do not halve it, it is round-off, as of a small cycle about a large mean.
     """
     N, found, least = curve.equations.N, None, np.inf
     order = 2 * curve.equations.m
-    N = _enough(N, order, error_at(curve, point) / tolerance, max(N // 2, FIRST))
+    N = _enough(N, order, error_at(curve, near or point) / tolerance, max(N // 2, FIRST))
     while N <= MOST and least > tolerance:
         there, error = adapted_to(curve, point, N), np.inf
         if there is not None:

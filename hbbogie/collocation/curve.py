@@ -20,6 +20,7 @@ from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 VANISHED = 1e-3  # amplitude, relative to the largest of the branch, at which a cycle counts as an equilibrium
+ROUND_OFF = 1e-12  # share of the parameter's scale up to which it is zero
 NEAR = 1e-2  # distance from an equilibrium, relative to the range, at which a motion is near it
 RESTING = 0.9  # share of the period spent there by a motion that approaches a homoclinic one
 
@@ -91,7 +92,7 @@ class OnMeshCurve:
 
     def where(self, u: Array) -> str:
         """Return the parameter's value, for people."""
-        return f"{self.parameter} = {u[-1]:.10g}"
+        return f"{self.parameter} = {0.0 if abs(u[-1]) <= ROUND_OFF * self.equations.width else u[-1]:.10g}"
 
     def line(self, point: Point) -> Linearised:
         """Return the equations at a point, solved once, bordered by the tangent."""
@@ -127,6 +128,8 @@ class OnMeshCurve:
             # that of the walk may belong to the tangent turned
             return abs(spectrum.singular) * point.orientation
         values = spectrum.others
+        if len(values) == 1:
+            return 1.0  # it is positive, by Liouville's formula
         with np.errstate(invalid="ignore", over="ignore"):
             factors = values if kind == "period doubling" else np.array([a * b for a, b in combinations(values, 2)])
             off = factors + 1 if kind == "period doubling" else factors - 1

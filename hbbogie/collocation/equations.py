@@ -206,7 +206,8 @@ class Linearised:
         columns[..., :n] = np.eye(n)
         columns[..., n], columns[..., n + 1] = self.ahead, self.slope
         columns[..., n + 2] = right[:k].reshape(N, m, n)
-        response = np.linalg.solve(self.stages, columns.reshape(N, m * n, n + 3))
+        halved = all(e.rates.system.second_order)
+        response = self._halved(columns) if halved else np.linalg.solve(self.stages, columns.reshape(N, m * n, n + 3))
         end = (g.d @ response.reshape(N, m, n * (n + 3))).reshape(N, n, n + 3)
         self.transitions = end[..., :n] + g.begin * np.eye(n)
         G = -end[..., n:]
@@ -225,6 +226,33 @@ class Linearised:
         factors[:, :n, 0], factors[:, n : n + 2, 0] = states, rest
         stages = response @ factors
         return np.concatenate([stages.ravel(), states.ravel(), rest]), self.reduced.sign
+
+    def _halved(self, right: Array) -> Array:
+        """Solve for the stages of a system of second order, whose velocities alone are unknown.
+
+        Parameters
+        ----------
+        right : ndarray, shape (N, m, n_states, columns)
+
+        Returns
+        -------
+        ndarray, shape (N, m n_states, columns)
+        """
+        e, a = self.equations, self.equations.gauss.a
+        N, m, k, width = e.N, e.m, e.n // 2, right.shape[-1]
+        S = np.diagonal(self.A[:, 0, :k, k:], axis1=1, axis2=2)[:, None, :, None]  # of positions by velocities
+        to_q, to_v = self.A[..., k:, :k], self.A[..., k:, k:]
+        twice = (a[:, None] * a.T).reshape(m * m, m)  # from stage l by each stage to j
+        M = (twice @ to_q.reshape(N, m, k * k)).reshape(N, m, m, k, k) * S[..., 0][:, None, None]
+        M += a[None, :, :, None, None] * to_v[:, None]
+        M = -M.swapaxes(2, 3).reshape(N, m * k, m * k)
+        each = np.arange(m * k)
+        M[:, each, each] += 1
+        forced = (to_q @ right[:, :, :k]).reshape(N, m, k * width)
+        v = np.linalg.solve(M, (right[:, :, k:] + (a @ forced).reshape(N, m, k, width)).reshape(N, m * k, width))
+        v = v.reshape(N, m, k, width)
+        q = right[:, :, :k] + S * (a @ v.reshape(N, m, k * width)).reshape(N, m, k, width)
+        return np.concatenate([q, v], axis=2).reshape(N, m * e.n, width)
 
     def adjoint(self, plane: Array) -> Array:
         """Return the factors of the stages' equations in the combination of all that is zero but for the parameter.

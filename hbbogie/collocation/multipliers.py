@@ -17,6 +17,7 @@ from hbbogie.stability.multipliers import sides, trivial_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 TRUSTED = 1e-2  # largest error of the trivial multiplier, and estimated error of the others
+SWEEPS, SETTLED = 40, 1e-11  # of an orthogonal iteration, and the change of a logarithm after which it ends
 ROUND_OFF = 1e-9  # multiplier below which another way is taken
 
 
@@ -76,7 +77,40 @@ def spectrum_of(line: Linearised) -> Spectrum:
     return Spectrum(values[order].astype(complex), vectors[:, order], divergence, last.singular, line.rate)
 
 
-def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array) -> Stability:
+def log_moduli(transitions: Array) -> tuple[Array, Array]:
+    """Return the logarithms of the moduli of the multipliers, and their signs where they are real.
+
+    By orthogonal iteration with the factors of the monodromy matrix, which are never multiplied: however small a
+    multiplier, its logarithm is the sum of those of the diagonals.
+
+    Parameters
+    ----------
+    transitions : ndarray, shape (N, n, n)
+        Over the intervals, in their order.
+
+    Returns
+    -------
+    logarithms, signs : ndarray, shape (n,)
+        Largest modulus first.
+    """
+    n = transitions.shape[1]
+    Q, last = np.eye(n), np.full(n, np.inf)
+    for _ in range(SWEEPS):
+        begin, logarithms, signs = Q, np.zeros(n), np.ones(n)
+        for factor in transitions:
+            Q, R = np.linalg.qr(factor @ Q)
+            logarithms += np.log(np.abs(np.diagonal(R)))
+            signs *= np.sign(np.diagonal(R))
+        moving = np.abs(logarithms - last) > SETTLED * np.maximum(1.0, np.abs(logarithms))
+        if not moving.any():
+            break
+        last = logarithms
+    for k in np.flatnonzero(moving[:-1] & moving[1:])[::2]:  # a complex pair turns for ever; its product does not
+        logarithms[k : k + 2] = logarithms[k : k + 2].mean()
+    return logarithms, signs * np.sign(np.einsum("ij,ij->j", begin, Q))
+
+
+def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array, transitions: Array | None = None) -> Stability:
     """Return the multipliers of a cycle and the verdict.
 
     Parameters
@@ -85,6 +119,8 @@ def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array) -> Stability:
         Of the cycle, and of the next degree, which tells the error.
     size : ndarray, shape (n_states,)
         Of the states.
+    transitions : ndarray, shape (N, n_states, n_states), optional
+        Over the intervals, from which several tiny multipliers follow.
     """
     values, others, trivial = spectrum.values.copy(), spectrum.others, spectrum.trivial
     error = float(abs(values[trivial] - 1))
@@ -99,6 +135,11 @@ def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array) -> Stability:
         with np.errstate(over="ignore"):
             values[tiny[0]] = (-1) ** turns * np.exp(logarithm)
         told = f"; the smallest by Liouville's formula, its logarithm is {logarithm:.12g}"
+    elif len(tiny) and transitions is not None:
+        logarithms, signs = log_moduli(transitions)
+        values[tiny] = signs[tiny] * np.exp(logarithms[tiny])
+        listed = ", ".join(f"{x:.6g}" for x in logarithms[tiny])
+        told = f"; the {len(tiny)} below {ROUND_OFF:g} by factors of the monodromy matrix, with the logarithms {listed}"
     elif len(tiny):
         told = f"; of the {len(tiny)} below {ROUND_OFF:g} only the smallness is meant"
     doubt = ""

@@ -288,7 +288,7 @@ def collocated(
             dict(guess.parameters),
         )
         return collocated(system, once, degree=degree, intervals=intervals, tolerance=tolerance, stability=stability)
-    judge = (spectrum_of(line), spectrum_of(finer)) if stability else None
+    judge = (spectrum_of(line), spectrum_of(finer), finer.transitions) if stability else None
     return finished(equations, u, _size(line), errors, judge, line.reduced is not None and line.reduced.family)
 
 
@@ -305,7 +305,7 @@ def finished(
     u: Array,
     residual: float,
     errors: Errors,
-    judge: tuple[Spectrum, Spectrum] | None,
+    judge: tuple[Spectrum, Spectrum, Array | None] | None,
     family: bool = False,
 ) -> CollocatedCycle:
     """Return a solution as a cycle, with its stability where multipliers, and those of the next degree, are given."""
@@ -323,6 +323,6 @@ def finished(
         residual=residual,
         period_error=errors[0],
         waveform_error=errors[2],
-        stability=None if judge is None else stability_of(*judge, equations.size),
+        stability=None if judge is None else stability_of(judge[0], judge[1], equations.size, judge[2]),
         status=status,
     )

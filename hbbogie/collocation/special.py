@@ -14,6 +14,7 @@ from hbbogie.brief import brief
 from hbbogie.collocation.adaption import Placed, chord, located_between
 from hbbogie.collocation.curve import OnMeshCurve
 from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.multipliers import TRUSTED
 from hbbogie.collocation.solving import finished
 from hbbogie.solving.arclength import distance, located, product
 from hbbogie.solving.curve import Point
@@ -75,9 +76,15 @@ class Special:
 
 
 def judged(curve: OnMeshCurve, point: Point) -> CollocatedCycle:
-    """Return the cycle of a point with its error estimates and stability."""
-    errors, finer = curve.estimate(point)
-    return finished(curve.equations, point.u, point.error, errors, (curve.spectrum(point), finer))
+    """Return the cycle of a point with its stability and its error estimates, those at its value of the parameter.
+
+    The error of the parameter is one along the branch, which is long where that is steep, and its root at a fold.
+    """
+    (period, states, waveform, parameter), finer = curve.estimate(point)
+    along = min(parameter / max(abs(float(point.tangent[-1])), 1e-300), parameter**0.5)
+    of_T, of_states = abs(float(point.tangent[-2])), float(np.abs(point.tangent[:-2]).max())
+    errors = period + along * of_T, states + along * of_states, waveform + along * of_states, parameter
+    return finished(curve.equations, point.u, point.error, errors, (curve.spectrum(point), finer, None))
 
 
 def special_between(curve: OnMeshCurve, points: list[Point], kinds: tuple[str, ...]) -> Iterator[Special]:
@@ -158,15 +165,25 @@ def _special(
     elif kind == "Neimark-Sacker":
         values = curve.spectrum(point).others
         pair = values[np.argsort(np.abs(np.abs(values) - 1))[:2]]
-        if np.abs(pair.imag).min() < 1e-6:
+        if np.abs(pair.imag).min() < 1e-6 or not _trusted(curve, point, pair[0]):
             return None  # two real multipliers with product 1: nothing changes
         status = description(kind, pair[0], half=False)
     elif kind == "period doubling":
         values = curve.spectrum(point).others
-        status = description(kind, values[np.argmin(np.abs(values + 1))], half=False)
+        pair = values[[np.argmin(np.abs(values + 1))]]
+        if not _trusted(curve, point, pair[0]):
+            return None
+        status = description(kind, pair[0], half=False)
     else:
         status = f"another branch crosses; smallest singular value {left:.1e} where located"
     return Special(kind, curve, point, way, value, reach, extremum, status, curvature)
+
+
+def _trusted(curve: OnMeshCurve, point: Point, multiplier: complex) -> bool:
+    """Tell whether a multiplier is resolved: where the period is very long it may be round-off."""
+    own, finer = curve.spectrum(point), curve.estimate(point)[1]
+    errors = [abs(s.values[s.trivial] - 1) for s in (own, finer)] + [np.abs(finer.others - multiplier).min()]
+    return bool(max(errors) <= TRUSTED)
 
 
 def fold_gradient(curve: OnMeshCurve, point: Point) -> dict[str, float]:

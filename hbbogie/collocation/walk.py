@@ -14,6 +14,7 @@ from hbbogie.brief import brief
 from hbbogie.collocation.adaption import Placed, adapted_to, curve_at, error_at, located_between, refined
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.logarithms import positive_coordinates
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import FIRST, MOST, Guess, check_guess, on_mesh
 from hbbogie.collocation.special import KINDS, Special, judged, special_along, special_between, turning
@@ -162,7 +163,7 @@ def follow(
     ConvergenceError
         When no cycle is found near the guess.
     ModelError
-        When the system is not smooth, or conserves a quantity; for a reversed interval, or a guess outside it or
+        When the system jumps, or conserves a quantity; for a reversed interval, or a guess outside it or
         of another kind.
     """
     if rates.parameter is None:
@@ -239,7 +240,7 @@ def _walk(
             points, end = points[: len(points) // 2 + 1], Ending("points")
         over, there, growth = end.kind not in ("points", "stuck") or len(points) == 1, None, 1.0
         if kinked and len(points) > 1:
-            there = _settled(curve, points[-1], end, tolerance)
+            there = _settled(curve, points, end, tolerance)
             moved = _moved(curve, points[-1], *there) / length if there else np.inf
             if length > SHORTEST and moved > NEAR:
                 length /= 4  # the contacts change by too much
@@ -267,11 +268,11 @@ def _walk(
         curve, first = there
 
 
-def _settled(curve: OnMeshCurve, point: Point, end: Ending, tolerance: float) -> tuple[OnMeshCurve, Point] | None:
-    """Return a point with its own contact times on the mesh, at a limit with the unknown that has reached it."""
+def _settled(curve: OnMeshCurve, points: list[Point], end: Ending, tolerance: float) -> Placed | None:
+    """Return the last point with its own contact times on the mesh, at a limit with the unknown that has reached it."""
     if end.kind in AT:
-        return adapted_to(curve, point, curve.equations.N, AT[end.kind])
-    return refined(curve, point, tolerance)
+        return adapted_to(curve, points[-1], curve.equations.N, AT[end.kind])
+    return refined(curve, points[-1], tolerance, points[0])
 
 
 def _moved(curve: OnMeshCurve, point: Point, there: OnMeshCurve, found: Point) -> float:
@@ -315,13 +316,16 @@ def _off(value: float, point: Point) -> float:
 def _said(curve: OnMeshCurve, point: Point, end: Ending) -> Ending:
     """Return an ending, that of a homoclinic approach where it is one."""
     system, T = curve.equations.rates.system, float(np.exp(point.u[-2]))
-    if end.kind not in ("period", "stuck") or 10 * curve.longest / GROWN > T:
+    if end.kind not in ("period", "stuck"):
         return end
-    rest = homoclinic(system, curve.equations, point.u)
+    names, advice = ", ".join(positive_coordinates(system)), ""
+    if names:
+        advice = f"{names} are positive: their logarithms, hbbogie.collocation.in_logarithms, may lead farther"
+    rest = homoclinic(system, curve.equations, point.u) if 10 * curve.longest / GROWN < T else ""
     if not rest:
-        return end
+        return replace(end, advice=advice or end.advice)
     what = f"homoclinic approach near {curve.where(point.u)}, at {rest}; the period is {T:.4g} s"
-    return Ending("homoclinic", what, "" if end.kind == "period" else end.what)
+    return Ending("homoclinic", what, "; ".join(filter(None, ["" if end.kind == "period" else end.what, advice])))
 
 
 def _signature(curve: OnMeshCurve, point: Point) -> Array:

@@ -32,6 +32,7 @@ from hbbogie.results.orbit import Orbit
 from hbbogie.stability.fold_defect import FoldShift, fold_shift
 
 SAME = 1e-7  # relative distance in value and frequency below which two points are one
+STEEP = 1e-3  # the same in frequency, of two folds
 HARMONICS = 21  # highest harmonic of a fold by harmonic balance, where none is given
 BY = {"exact": "in closed form", "mhb": "by harmonic balance", "collocation": "by collocation"}
 ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in turn
@@ -331,6 +332,13 @@ def by_value(branch: Branch) -> list[SpecialPoint]:
 
 
 def coincide(a: Critical | SpecialPoint, b: Critical | SpecialPoint) -> bool:
-    """Tell whether two points are one: of one kind, and the same in value and frequency."""
-    pairs: tuple[tuple[Any, Any], ...] = ((a.value, b.value), (a.omega, b.omega))
-    return a.kind == b.kind and all(abs(x - y) <= SAME * max(abs(x), abs(y)) for x, y in pairs)
+    """Tell whether two points are one: of one kind, and the same in value and frequency.
+
+    The frequency at a fold is less certain than its value, much less where the branch is steep, as that of canards.
+    """
+    pairs: tuple[tuple[Any, Any, float], ...] = (
+        (a.value, b.value, SAME),
+        (a.omega, b.omega, STEEP if a.kind == "fold" else SAME),
+    )
+    same = a.kind == b.kind and a.extremum == b.extremum
+    return same and all(abs(x - y) <= share * max(abs(x), abs(y)) for x, y, share in pairs)

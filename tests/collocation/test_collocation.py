@@ -15,6 +15,8 @@ from hbbogie.collocation import (
     collocated,
     from_motion,
     from_orbit,
+    in_logarithms,
+    log_moduli,
     on_mesh,
     reduced,
 )
@@ -58,6 +60,55 @@ def test_tiny_multiplier_by_liouville():
     cycle = collocated(system, from_motion(system, [2.0, 0.0]), tolerance=1e-10)
     smallest = np.abs(cycle.stability.multipliers).min()
     assert np.log(smallest) == pytest.approx(-311.844219286, abs=5e-9)
+
+
+def test_several_tiny_multipliers_by_factors():
+    """y' = -10 y + x and z' = -25 z + x y, driven by van der Pol's oscillator, decay by exp(-10 T) and exp(-25 T)."""
+    x, y, z, mu = *(hb.Coordinate(s) for s in "xyz"), hb.Parameter("mu", 1.0)
+    equations = [x.ddot - mu * (1 - x**2) * x.dot + x, y.dot + 10 * y - x, z.dot + 25 * z - x * y]
+    system = hb.System("driven", [x, y, z], [mu], equations)
+    cycle = collocated(system, from_motion(system, [2.0, 0.0, 0.0, 0.0]), tolerance=1e-11)
+    logarithms = np.log(np.abs(cycle.stability.multipliers[2:]))
+    assert logarithms == pytest.approx([-10 * 6.66328685932313, -25 * 6.66328685932313], rel=1e-5)
+    assert (cycle.stability.multipliers[2:].real > 0).all()
+
+
+def test_factors_of_a_matrix_with_a_complex_pair():
+    """IDENTITY: multipliers 2, 1e-30 exp(+-i) and -1e-40, in factors that mix them."""
+    rng = np.random.default_rng(0)
+    bases = [*rng.normal(size=(20, 4, 4))]
+    diagonal = np.zeros((4, 4))
+    share = 1e-30 ** (1 / 20)
+    diagonal[0, 0], diagonal[3, 3] = 2.0 ** (1 / 20), 1e-40 ** (1 / 20)
+    diagonal[1:3, 1:3] = share * np.array([[np.cos(0.05), -np.sin(0.05)], [np.sin(0.05), np.cos(0.05)]])
+    factors = [bases[(k + 1) % 20] @ diagonal @ np.linalg.inv(bases[k]) for k in range(20)]
+    factors[0] = bases[1] @ diagonal @ np.diag([1.0, 1.0, 1.0, -1.0]) @ np.linalg.inv(bases[0])
+    logarithms, signs = log_moduli(np.array(factors))
+    assert logarithms == pytest.approx(np.log([2.0, 1e-30, 1e-30, 1e-40]), rel=1e-8)
+    assert signs[0] == 1 and signs[3] == -1
+
+
+def test_logarithms_of_positive_coordinates():
+    """The same periods; where a branch is lost, as that of the Oregonator in its canards, they are offered."""
+    x, z = (hb.Coordinate(s, bounds=(0, np.inf)) for s in "xz")
+    f, q = hb.Parameter("f", 1.0), 0.002
+    system = hb.System("s", [x, z], [f], [0.04 * x.dot - (x * (1 - x) - f * z * (x - q) / (x + q)), z.dot - (x - z)])
+    inner = in_logarithms(system)
+    cycle = collocated(inner, from_motion(inner, np.log([0.1, 0.1])))
+    assert cycle.period == pytest.approx(4.810392990, abs=5e-9)
+    (hopf, _) = hb.hopf_points(system, "f", (0.3, 3.0))
+    branch = hb.trace(Collocation().equations(system), hopf, "f", (0.3, 3.0), stability=False, max_points=60)
+    assert "x, z are positive" in branch.ends[1].advice
+    a, b = hb.Coordinate("a"), hb.Coordinate("b", bounds=(0, np.inf))
+    mixed = hb.System("mixed", [a, b], [f], [a.ddot + a - b, b.ddot + f * b.dot + b * a])
+    same = in_logarithms(mixed)
+    rates, there = mixed.ode([0.3, 2.0, 0.1, 0.6], [1.0]), same.ode([0.3, np.log(2.0), 0.1, 0.3], [1.0])
+    assert float(there[3]) == pytest.approx(float(rates[3]) / 2.0 - 0.3**2, rel=1e-14)
+    assert float(there[2]) == pytest.approx(float(rates[2]), rel=1e-14)
+    with pytest.raises(ModelError, match=r"no coordinate .* is declared positive"):
+        in_logarithms(van_der_pol(1.0))
+    with pytest.raises(ModelError, match="unknown coordinate 'y'"):
+        in_logarithms(mixed, "y")
 
 
 def test_multiplier_known_in_closed_form():

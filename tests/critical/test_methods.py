@@ -44,6 +44,17 @@ class TestCriticalValues:
         assert fold.gradient["a"] == pytest.approx(-0.5, abs=1e-7)
         assert fold.orbit.method.startswith("collocation")
 
+    @pytest.mark.slow
+    def test_of_a_system_with_contacts_by_collocation(self, bogie):
+        """Two independent methods agree, from the Hopf point through the grazing and around the fold."""
+        found, exact = (
+            {c.kind: c for c in hb.critical_speeds(bogie, "V", (85.0, 100.0), method=method)}
+            for method in ("collocation", "exact")
+        )
+        assert found["fold"].value == pytest.approx(exact["fold"].value, rel=1e-10)
+        for name, slope in exact["fold"].elasticities.items():
+            assert found["fold"].elasticities[name] == pytest.approx(slope, abs=1e-7)
+
     def test_of_a_canard_that_harmonics_do_not_resolve(self):
         """By collocation on 400 intervals the fold lies at 0.3241785225."""
         found = hb.critical_speeds(fitzhugh_nagumo(), "I", (0.3, 0.4))
@@ -89,12 +100,12 @@ def test_comparison(bogie, bautin):
     [
         (lambda s, b: hb.find_cycles(s, mu=1.0, method="exact"), "no cycle in closed form; use HarmonicBalance"),
         (lambda s, b: hb.critical_speeds(s, "mu", method="exact"), "no cycle in closed form; use HarmonicBalance"),
-        (lambda s, b: hb.critical_speeds(b, "V", method="collocation"), 'piecewise linear; take the method "exact"'),
         (lambda s, b: hb.critical_speeds(b, "V", method="exakt"), "Did you mean 'exact'"),
         (lambda s, b: hb.find_cycles(b, V=90.0, method=7), "got 7 as method; give a name: auto, exact, mhb"),
         (lambda s, b: hb.find_cycles(b, V=90.0, method="exact", harmonics=5), "which has none; leave one of the two"),
         (lambda s, b: hb.critical_speeds(b, "V", method="exact", harmonics=5), "which has none; leave one of the two"),
         (lambda s, b: chart(b, "V", "lam", method="exact"), "no curve over two parameters"),
+        (lambda s, b: chart(s, "mu", "mu_2", method="collocation"), "no curve over two parameters"),
         (lambda s, b: bifurcation_diagram(s, "mu", (0.1, 2.0), method="exact"), "no cycle in closed form"),
     ],
 )
