@@ -10,6 +10,7 @@ from hbbogie.branches.crossing import family_message
 from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import in_one_turn, of_prime_period
 from hbbogie.collocation.starting import from_orbit
+from hbbogie.deadline import time_is_over
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.conserved import conserved_along
 from hbbogie.model.system import System
@@ -45,7 +46,12 @@ class Polishing:
     family: str = field(default="")
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
-        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm."""
+        """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm.
+
+        None where neither does, and where the limit of time is over.
+        """
+        if time_is_over():
+            return None
         if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
             return self.isolated(cycle.orbit())
         finer, resolved = orbit, False
@@ -58,7 +64,8 @@ class Polishing:
                     resolved = abs(finer.omega / last.omega - 1) <= CONVERGED
                 return self._checked(finer)
             except ConvergenceError:
-                continue
+                if time_is_over():
+                    return None
             except FAILURES:
                 break
         if self.family:
