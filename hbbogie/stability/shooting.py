@@ -302,10 +302,8 @@ class Shooting:
             if step.error <= tolerance:
                 return path, step
             if time_is_over():
-                raise ConvergenceError(
-                    f"system {self.system.name!r}: the time limit was reached while shooting; raise limit to go on.",
-                    orbit=self.orbit,
-                )
+                why = f"system {self.system.name!r}: the time limit was reached while shooting; raise limit to go on."
+                raise ConvergenceError(why, orbit=self.orbit)
             tried = (self.improved(path, step, y) for y in self.corrections(path, step))
             better = next((found for found in tried if found), None)
             if better is None:
