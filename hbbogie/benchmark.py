@@ -28,6 +28,7 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
+from scipy.stats import uniform
 
 from hbbogie import (
     HarmonicBalance,
@@ -52,6 +53,9 @@ from hbbogie.collocation.solving import collocated
 from hbbogie.collocation.special import judged
 from hbbogie.collocation.starting import from_motion, from_orbit
 from hbbogie.collocation.walk import follow as follow_on_mesh
+from hbbogie.design.point import design_point
+from hbbogie.design.robust import Uncertainty
+from hbbogie.design.samples import SampledQuantile
 from hbbogie.errors import unknown_name
 from hbbogie.exact.method import Exact
 from hbbogie.exact.multipliers import stabilities
@@ -190,6 +194,21 @@ def measure_exact(table: Table, designs: int = 1000) -> None:
             f"{np.isfinite(found.fold).sum()} folds, {found.failed.sum()} unknown, "
             f"{sum('following' in s or 'no fold' in s for s in found.status)} followed one by one"
         ),
+    )
+    softer = {"lam": 3.0 * system.values["lam"] * (1 + 0.02 * rng.uniform(-1, 1, 100))}
+    table.add(
+        "the same for 100 bogies of a high conicity, without a fold",
+        lambda: critical_speeds_of(system, softer, interval=span),
+        1,
+        lambda found: f"{np.isnan(found.fold).sum()} without a fold, {found.complete.sum()} followed one by one",
+    )
+    scatter = Uncertainty({name: uniform(0.8, 0.4) for name in RANDOM})
+    point, quantile = design_point(system, "V", span), SampledQuantile(scatter, 0.05, 10_000, unit="m/s")
+    table.add(
+        "a step of robust design: 5 % quantile of 10000 random bogies, with its gradient",
+        lambda: quantile.rows(point),
+        1,
+        lambda rows: f"{rows[0].value:.3f} m/s",
     )
 
 

@@ -38,6 +38,25 @@ def test_a_branch_ends_at_its_limit(bogie, balance):
     assert whole.ends[1].kind == "interval" and whole.ends[1].complete
 
 
+def test_folds_of_a_branch_that_took_all_the_time_are_kept(bogie, monkeypatch):
+    """ORDER: with 9 harmonics the fold lies at 88.760 m/s, with all of them at 88.764 m/s."""
+    looks = iter([False])  # the first time that the search looks there is time, and none afterwards
+    monkeypatch.setattr("hbbogie.critical.speeds.time_is_over", lambda: next(looks, True))
+    found = hb.critical_speeds(bogie, "V", (60.0, 100.0), method="mhb")
+    (fold,) = (c for c in found if c.kind == "fold")
+    assert fold.value == pytest.approx(88.762, abs=3e-3) and not fold.gradient
+    assert "no gradient: the time limit was reached" in fold.status and not found.complete
+
+
+def test_shooting_ends_at_its_limit():
+    system = hb.load_problem("van_der_pol").van_der_pol()
+    (cycle,) = hb.find_cycles(system, mu=1.0)
+    near = cycle.replace(omega=1.01 * cycle.omega)
+    assert hb.verify(system, near).orbit.omega == pytest.approx(cycle.omega, rel=1e-8)
+    with time_limit(PAST), pytest.raises(hb.ConvergenceError, match="time limit was reached while shooting"):
+        hb.verify(system, near)
+
+
 def test_cycles_found_within_the_limit_are_returned(bogie):
     none = hb.find_cycles(bogie, V=90.0, limit=PAST)
     assert not none and not none.complete and "time limit" in none.undecided[0] and "time limit" in none.evidence[0]

@@ -11,6 +11,7 @@ from hbbogie.branches.crossing import family_message
 from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import in_one_turn, of_prime_period
 from hbbogie.collocation.starting import from_orbit
+from hbbogie.deadline import time_is_over
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.conserved import conserved_along
@@ -49,8 +50,11 @@ class Polishing:
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
         """Return the cycle that shooting leads to, or, where it cannot, collocation, or that more harmonics confirm.
 
-        Where there are many states, more harmonics alone confirm it.
+        Where there are many states, more harmonics alone confirm it. None where nothing does, and where the limit of
+        time is over.
         """
+        if time_is_over():
+            return None
         if has_many_states(self.system):
             try:
                 return self.isolated(by_harmonics(self.system, orbit))
@@ -68,7 +72,8 @@ class Polishing:
                     resolved = abs(finer.omega / last.omega - 1) <= CONVERGED
                 return self._checked(finer)
             except ConvergenceError:
-                continue
+                if time_is_over():
+                    return None
             except FAILURES:
                 break
         if self.family:

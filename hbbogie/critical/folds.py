@@ -12,6 +12,7 @@ from hbbogie.branches.closed_form import exact_fold
 from hbbogie.branches.collocated import collocated_fold
 from hbbogie.branches.continuation import trace
 from hbbogie.collocation.method import CollocationEquations
+from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
 from hbbogie.exact.method import ExactEquations
@@ -142,6 +143,9 @@ def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance:
         before, error = error, float(max(np.abs(F).max(), np.abs(L).max()))
         if error <= tolerance and iteration:  # one step at least: the parameter is then good to round-off
             why = f"found in {iteration} iterations"
+            break
+        if time_is_over():
+            why = "the time limit was reached"
             break
         if W is None or not error <= KEPT * before:
             W = _second_derivatives(problem, second, y, multipliers)

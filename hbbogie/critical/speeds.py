@@ -260,7 +260,7 @@ class _Search:
             except FAILURES as error:
                 why = str(error).partition("\n")[0]
                 continue
-            last = orders[-1] == H
+            last = orders[-1] == H or time_is_over()
             try:
                 folds = [self._solved(special, last) for branch in branches for special in by_value(branch)]
             except ConvergenceError:  # of a fold that these harmonics alone have
@@ -287,8 +287,10 @@ class _Search:
         if self.lowest and (special.extremum == "maximum" or special.value > above):
             self.located.add(special.orbit)
             return located_fold(special, "it lies above another fold")
+        if time_is_over():
+            return located_fold(special, "the time limit was reached")
         try:
-            solved = fold(self.equations, special, special.parameter, search=last and not time_is_over())
+            solved = fold(self.equations, special, special.parameter, search=last)
         except ConvergenceError as error:
             if not last:
                 raise
@@ -322,7 +324,7 @@ class _Search:
             status = f"{critical.status}; corrected by {shift.value:.3g} for what {self.harmonics} harmonics leave out"
             return replace(critical, value=critical.value + shift.value, error=error, status=status)
         critical = with_error(self.system, critical, self.harmonics)
-        doubt = self._doubt(critical)
+        doubt = "" if time_is_over() else self._doubt(critical)
         return replace(critical, status=f"{critical.status}; {doubt}") if doubt else critical
 
 

@@ -26,7 +26,8 @@ from hbbogie.results.failure import ConvergenceError
 Array = NDArray[np.float64]
 _Answer = tuple[Fold | None, str, bool, bool]  # the fold, what was found, whether that failed, whether it is complete
 _Above = tuple[list[Walk], tuple[float, float]]  # branches that run above the first Hopf point, and over which window
-NEAREST = 16  # designs that are tried to answer from one whose branches were followed
+TOGETHER = 16  # designs beside one whose branches were followed that are tried before those further away
+BESIDE = "fold found from that of another design, the branch not followed"
 CARRIED = (
     "no fold: the branch runs above its Hopf point to its end as that of a design beside it, at all of whose cycles it "
     "was solved for, and the branches of other Hopf points begin as there; they were not followed by themselves"
@@ -210,19 +211,29 @@ def _hopfs(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float
 
 
 def _nearest(p: Array, d: int, others: list[int]) -> list[int]:
-    """Return the designs nearest to one of them, relative to its parameters."""
+    """Return designs in the order of their distance from one of them, relative to its parameters."""
     far = np.abs(p[others] - p[d]) / np.where(p[d] == 0, 1.0, np.abs(p[d]))
-    return [others[k] for k in np.argsort((far**2).sum(axis=1), kind="stable")[:NEAREST]]
+    return [others[k] for k in np.argsort((far**2).sum(axis=1), kind="stable")]
 
 
 def _like(source: Nominal | _Above, p: Array, hopf: Array, low: float) -> dict[int, _Answer]:
-    """Return the answers for designs that are like one whose branches were followed, by their numbers."""
-    if isinstance(source, Nominal):
-        said = "fold found from that of another design, the branch not followed"
-        return {d: (fold, said, False, False) for d, fold in source.near(p).items() if low <= fold.value < hopf[d]}
-    branches = Branches(*source)
-    above = branches.above(p, hopf) if branches.usable else np.zeros(len(p), dtype=bool)
-    return {int(d): (None, CARRIED, False, False) for d in np.flatnonzero(above)}
+    """Return the answers for the first designs that are like one whose branches were followed, by their numbers."""
+    branches = None if isinstance(source, Nominal) else Branches(*source)
+    answers: dict[int, _Answer] = {}
+    for i in range(0, len(p) if branches is None or branches.usable else 0, TOGETHER):
+        q, at = p[i : i + TOGETHER], hopf[i : i + TOGETHER]
+        if isinstance(source, Nominal):
+            near = source.near(q)
+            found: dict[int, _Answer] = {
+                d: (fold, BESIDE, False, False) for d, fold in near.items() if low <= fold.value < at[d]
+            }
+        else:
+            assert branches is not None
+            found = dict.fromkeys(map(int, np.flatnonzero(branches.above(q, at))), (None, CARRIED, False, False))
+        answers |= {i + d: answer for d, answer in found.items()}
+        if len(found) < len(q) / 2:  # those further away are less alike
+            break
+    return answers
 
 
 def _followed(

@@ -14,10 +14,11 @@ from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
 from hbbogie.errors import ModelError
-from hbbogie.parallel.processes import one_thread_each, start_worker, starting
+from hbbogie.parallel.processes import cores, one_thread_each, start_worker, starting
 
 P = ParamSpec("P")
 T = TypeVar("T")
+FEW = 64  # processes that any machine may start
 GUARD = 'if __name__ == "__main__":'
 
 
@@ -80,8 +81,14 @@ def worker_pool(count: int) -> Iterator[Pool]:
     Raises
     ------
     ModelError
-        When the processes end as soon as they start, or this process is still importing its script.
+        When the processes end as soon as they start, this process is still importing its script, or they are too many.
     """
+    most = max(FEW, 4 * cores())
+    if count > most:
+        raise ModelError(
+            f"workers: got {count}; give at most {most} processes on these {cores()} cores. For more, run a study on a "
+            "cluster (scheduler=, --scheduler)."
+        )
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise ModelError(f"put the call below: {GUARD} (worker processes import the script).")
     with one_thread_each():

@@ -15,6 +15,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from hbbogie import fourier
+from hbbogie.deadline import time_is_over
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.dynamics import state_of
 from hbbogie.model.system import System
@@ -300,6 +301,9 @@ class Shooting:
         for _ in range(ITERATIONS):
             if step.error <= tolerance:
                 return path, step
+            if time_is_over():
+                why = f"system {self.system.name!r}: the time limit was reached while shooting; raise limit to go on."
+                raise ConvergenceError(why, orbit=self.orbit)
             tried = (self.improved(path, step, y) for y in self.corrections(path, step))
             better = next((found for found in tried if found), None)
             if better is None:

@@ -16,6 +16,7 @@ from hbbogie.model.system import System
 from hbbogie.studies.jobs import output_units
 from hbbogie.studies.optional import required
 from hbbogie.studies.store import Store
+from hbbogie.studies.store_file import is_store
 from hbbogie.studies.store_rows import NOMINAL
 
 if TYPE_CHECKING:
@@ -97,12 +98,14 @@ def names_of(data: xr.Dataset, what: str) -> list[str]:
 
 
 def check_export(path: str | Path) -> Path:
-    """Return the path of an export; raise `ModelError` where its ending or directory is wrong."""
+    """Return the path of an export; raise `ModelError` where its ending or directory is wrong, or it is a store."""
     target = as_path("file to export to", path)
     if target.suffix not in FORMATS:
         raise ModelError(f"cannot export to {str(target)!r}: give a name that ends in {', '.join(FORMATS)}.")
     if not target.parent.is_dir():
         raise ModelError(f"cannot write {str(target)!r}: the directory {str(target.parent)!r} does not exist; make it.")
+    if is_store(target):
+        raise ModelError(f"{str(target)!r} is the store of a study, which an export would replace; give another name.")
     return target
 
 

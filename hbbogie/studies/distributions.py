@@ -105,8 +105,9 @@ def named_distribution(kind: str, values: Mapping[str, float]) -> Any:
             known = unknown_name("distribution", kind, DISTRIBUTIONS)
             raise ModelError(f"{known} Or a continuous distribution of scipy.stats, such as weibull_min.")
     try:
-        frozen = make(**values)
-        median = float(frozen.ppf(0.5))
+        with np.errstate(all="ignore"):
+            frozen = make(**values)
+            median = float(frozen.ppf(0.5))
     except (TypeError, ValueError, ZeroDivisionError) as error:
         raise ModelError(f"distribution {kind!r} with {dict(values)}: {error}.") from error
     if not np.isfinite(median):

@@ -165,6 +165,8 @@ JOBS: dict[Any, Callable[..., Outputs]] = {
 }
 
 
+SEARCHING = (smallest_critical, branch, compare)  # along a parameter, whose own value they do not use
+
 # what does a job at many points together where its method is "batch": (system, points, **options) -> outputs of each
 BATCHES: dict[Any, Callable[..., list[Outputs]]] = {smallest_critical: critical_of_many}
 

@@ -179,7 +179,7 @@ def from_csv(path: str | Path) -> Points:
         if twice := [n for n in dict.fromkeys(names) if names.count(n) > 1]:
             raise ModelError(f"{path}, line 1: {', '.join(map(repr, twice))} has more than one column; leave one.")
         rows = []
-        for cells in reader:
+        for cells in filter(None, reader):  # but for empty lines
             try:
                 rows.append({n: float(c) for n, c in zip(names, cells, strict=True)})
             except ValueError:

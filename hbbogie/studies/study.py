@@ -149,7 +149,7 @@ def _read(name_or_path: str | Path) -> tuple[_Reader, dict[str, Any]]:
     if is_store(path):
         raise ModelError(f"{str(path)!r} is the store of a study; give the study file (.toml) here.")
     try:
-        text = path.read_text("utf-8")
+        text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f"study file {str(path)!r} cannot be read as text in UTF-8: {error}.") from error
     try:

@@ -21,7 +21,7 @@ from hbbogie.parallel.processes import interruptions
 from hbbogie.progress import Progress, silent
 from hbbogie.studies.dataset import dataset_of, describe_units
 from hbbogie.studies.fingerprints import versions
-from hbbogie.studies.jobs import JOBS, Outputs, job_function
+from hbbogie.studies.jobs import JOBS, SEARCHING, Outputs, job_function
 from hbbogie.studies.options import wrong_option
 from hbbogie.studies.runners import runner_of
 from hbbogie.studies.running import drive
@@ -127,6 +127,12 @@ def sweep(
     chosen = chosen.of_system(system)
     if both := [name for name in chosen.names if name in task.values]:
         raise ModelError(f"sweep: the points give values of {both[0]!r}, and so do the common ones; leave one out.")
+    sought = task.options.get("parameter") if function in SEARCHING else None
+    if sought in chosen.names:
+        raise ModelError(
+            f"sweep: the points give values of {sought!r}, which the job {task.job_name!r} looks for or varies by "
+            'itself; leave it out, take another parameter=, or the job "cycles" for the cycles at its values.'
+        )
     if sum(x is not None for x in (executor, workers, scheduler)) > 1:
         raise ModelError("sweep: give one of executor, workers and scheduler, or none of them.")
     batch = whole("sweep: batch", batch)
@@ -188,6 +194,8 @@ def _opened(task: Task, points: Points, path: str | Path | None, resume: bool, a
         "fingerprints": task.fingerprints(),
         "versions": versions(),
     }
+    if path is not None and Path(path).exists() and not Path(path).is_file():
+        raise ModelError(f"{str(path)!r} is no file; give the path of a store, such as 'study.db'.")
     if path is None or not Path(path).exists():
         return Store.create(path, points, about)
     if not resume:

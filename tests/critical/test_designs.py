@@ -137,3 +137,13 @@ def test_the_lower_of_two_folds_of_one_branch(bogie):
     lowest = hb.critical_speeds(bogie, "V", (150.0, 250.0), **values)[0]
     assert lowest.value == pytest.approx(174.2866, abs=1e-3)
     assert found.fold[0] == pytest.approx(lowest.value, rel=1e-9)
+
+
+def test_a_fold_next_to_its_hopf_point_is_not_lost_beside_a_design_without_one(bogie):
+    """Two ways: from lam = 0.1069 on there is none; at 0.1065 the fold lies 3e-9 of its value below the Hopf point."""
+    lam, span = [0.10694444, 0.10648148, 0.10601852], (10.0, 250.0)
+    found = critical_speeds_of(bogie, {"lam": lam}, interval=span)
+    assert np.isnan(found.fold).tolist() == [True, False, False] and not found.failed.any()
+    (fold, hopf) = hb.critical_speeds(bogie, "V", span, lam=lam[1])[:2]
+    assert 0 < hopf.value - fold.value < 1e-8 * hopf.value
+    assert found.fold[1] == pytest.approx(fold.value, rel=1e-11)

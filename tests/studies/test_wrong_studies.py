@@ -158,6 +158,9 @@ WRONG = {
         f"{HEAD.format(job='critical')}[values]\na = 1.0\n{listed('[{ a = 1.0 }]').partition('critical')[2][2:]}",
         sampled("a = { low = 0.5, high = 1.0, around = 0.1 }"),
         critical("method = 'batch'"),
+        critical("", points=GRID.replace("a =", "mu =")),
+        critical("", "branch", GRID.replace("a =", "mu =")),
+        critical("parameter = 'a'", "compare"),
     ],
 }
 
@@ -172,6 +175,52 @@ def test_wrong_study_files_end_before_they_begin(tmp_path, monkeypatch, kind):
         assert result.exit_code == 2 and isinstance(result.exception, SystemExit), (content, result.output)
         assert "Error" in result.stderr or result.stderr.strip(), content
         assert not list(tmp_path.glob("*.db")), content
+
+
+SQUARE = "def square(system):\n    return {'square': system.values['a'] ** 2}\n"
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """A study that is done at once, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "job.py").write_text(SQUARE)
+    (tmp_path / "s.toml").write_text(HEAD.format(job="job.py:square") + GRID)
+
+    def run(*arguments):
+        found = CliRunner().invoke(app, ["study", *arguments])
+        return found.exit_code, " ".join(found.stderr.split())
+
+    return run
+
+
+def test_a_file_begun_by_a_byte_order_mark_and_empty_lines_of_points(small, tmp_path):
+    listed = HEAD.format(job="job.py:square") + '[points]\nsample = "csv"\nfile = "p.csv"\n'
+    (tmp_path / "s.toml").write_text(listed, "utf-8-sig")
+    (tmp_path / "p.csv").write_text("a\n\n1.0\n\n2.0\n\n")
+    assert small("run", "s.toml", "--workers", "0")[0] == 0
+    assert small("export", "s.toml", "-o", "s.csv")[0] == 0
+    assert [line.split(",")[1] for line in (tmp_path / "s.csv").read_text().splitlines()[1:]] == ["1.0", "2.0"]
+
+
+def test_places_where_no_store_can_be(small, tmp_path):
+    for place in (".", "/dev/null"):
+        code, said = small("run", "s.toml", "--workers", "0", "--store", place)
+        assert code == 2 and "is no file; give the path of a store" in said
+
+
+def test_an_export_does_not_replace_the_store(small, tmp_path):
+    store = tmp_path / "x.nc"
+    assert small("run", "s.toml", "--workers", "0", "--store", "x.nc")[0] == 0
+    whole = store.read_bytes()
+    code, said = small("export", "x.nc", "-o", "x.nc")
+    assert code == 2 and "is the store of a study, which an export would replace" in said
+    assert store.read_bytes() == whole
+
+
+def test_more_processes_than_a_machine_can_start_are_refused(small):
+    code, said = small("run", "s.toml", "--workers", "1000000000")
+    assert code == 2 and "give at most" in said and "cluster" in said
 
 
 def test_the_line_of_a_wrong_option_is_named(tmp_path, monkeypatch):
