@@ -65,4 +65,4 @@ def _has_another(system: System, orbit: Orbit) -> bool:
         return False
     size, own = (np.linalg.norm(o.coefficients[1:]) for o in (there.orbit, orbit))
     grown = there.orbit.omega / orbit.omega if orbit.advance else size / own
-    return bool(not there.isolated and abs(grown - 1) >= MOVED)
+    return not there.isolated and abs(float(grown) - 1) >= MOVED
