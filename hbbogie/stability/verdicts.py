@@ -17,6 +17,7 @@ Complex = NDArray[np.complex128]
 MARGIN = 5.0  # distance from the unit circle, in errors of the trivial multiplier, beyond which the side is certain
 CANDIDATES = 0.3  # distance from 1 up to which a multiplier may be the trivial one
 ALIGNED = 0.999  # ratio of cosines of angles with the motion's direction above which they count as equal
+ZERO = float(np.log(np.finfo(float).eps))  # logarithm of a multiplier that is none
 NEUTRAL = "neutral as far as can be told"  # what the reason says where multipliers are on the unit circle
 
 
@@ -77,6 +78,8 @@ def judge(
     if motion is not None:
         trivial = trivial_of(values, vectors, motion.rate, motion.size)
     multipliers = values**parts
+    if len(values) == 2:  # the determinant is the other one, which is zero below round-off
+        log_det, trace = max(log_det, ZERO), max(trace, ZERO)
     error, liouville = float(abs(multipliers[trivial] - 1)), abs(log_det - trace) / max(1.0, abs(trace))
     doubt = ""
     if not error <= tolerance:
