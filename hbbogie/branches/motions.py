@@ -23,6 +23,8 @@ from hbbogie.motion.integration import initial_state, states_after
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.periodic import FourierSeries
+from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
 CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
@@ -123,7 +125,11 @@ def cycle_after(system: System, start: Start) -> Orbit:
             f"the motion from the start {ends.get(kind, 'has not come back to itself')}: there is no cycle to begin "
             "with. What to try: another state, or a cycle of find_cycles."
         )
-    return of_prime_period(confirmed(system, orbit), turns_of(system.dynamics))
+    if has_many_states(system):
+        return of_prime_period(confirmed(system, orbit), turns_of(system.dynamics))
+    checked = verify(system, orbit)
+    found = of_prime_period(checked.orbit, turns_of(system.dynamics))
+    return found if checked.isolated else found.replace(stability=floquet(system, found))
 
 
 def recurrences(system: System, x: Array, h: float, size: Array, known: list[Array]) -> Iterator[Recurrence]:

@@ -144,7 +144,7 @@ class Walker:
                 return self._collocated(fork, name)
             if ahead.H > MOST_HARMONICS:
                 raise ConvergenceError(f"its cycles take more than {MOST_HARMONICS} harmonics")
-            equations = HarmonicBalance(ahead.H, odd=None if ahead.is_odd() else False).equations(self.system)
+            equations = HarmonicBalance(ahead.H, odd=None if ahead.is_odd(0.0) else False).equations(self.system)
             branch = trace(equations, fork, self.parameter, self.span, **FOLLOWED)
             walked = self._balanced(equations, branch, name, [])
             return replace(walked, forks=partial(self._away_from, fork, walked.forks))

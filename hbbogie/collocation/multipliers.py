@@ -12,7 +12,7 @@ from scipy.linalg import eig
 from hbbogie.brief import brief
 from hbbogie.collocation.equations import Linearised
 from hbbogie.results.orbit import Stability
-from hbbogie.stability.multipliers import sides, trivial_of
+from hbbogie.stability.verdicts import sides, trivial_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

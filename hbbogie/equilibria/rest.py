@@ -8,13 +8,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.model.conserved import echelon, expression
+from hbbogie.model.conserved import conserved_quantities, echelon, expression
 from hbbogie.model.derivatives import beside
 from hbbogie.model.system import System
 from hbbogie.model.turns import turns_of
 from hbbogie.solving.newton import Buffered
 
 Array = NDArray[np.float64]
+SAME_EQUATIONS, PART = 1e-12, 0.37  # relative change that is none, and the share of a turn that is no symmetry
 CONSERVED = 1e-11  # share of the largest singular value of samples of the equations up to which one is zero
 SINGULAR = 1e-11  # smallest singular value of a matrix, relative to the largest, that counts as zero
 MANY = 100  # coordinates from which functions are called point by point
@@ -218,12 +219,26 @@ def conserved(system: System, parameter: str, values: tuple[float, float], start
     first, second = (directions.T @ flat[:, i] for i in (1, 2))
     still = np.abs(first).max(axis=1) == 0
     rows = echelon(np.where(still[:, None], second, first))
+    kept = conserved_quantities(system, p, np.append(size, np.ones(system.n_states - n)))[:, :n]
     text = tuple(
-        f"{expression(row, system.coordinate_names)} is conserved{' on average' if s else ''}: "
+        f"{_what(expression(row, system.coordinate_names), bool(s), _in_span(row, kept))}: "
         f"held at {row @ start:.6g}, the level of the start"
         for row, s in zip(rows, still, strict=True)
     )
     return Level(directions / np.abs(directions).max(axis=0), rows, rows @ start, len(rows) + int(still.sum()), text)
+
+
+def _what(quantity: str, average: bool, kept: bool) -> str:
+    """Return what is said of a quantity that the equations at rest do not determine."""
+    if average:
+        return f"{quantity} is conserved on average"
+    return f"{quantity} is conserved" if kept else f"the equations at rest do not determine {quantity}"
+
+
+def _in_span(row: Array, rows: Array) -> bool:
+    """Tell whether a row is a combination of others."""
+    left = row - np.linalg.lstsq(rows.T, row, rcond=None)[0] @ rows if len(rows) else row
+    return bool(np.abs(left).max() <= 1e-6 * np.abs(row).max())
 
 
 def angles_of(system: System) -> Array:
@@ -233,12 +248,14 @@ def angles_of(system: System) -> Array:
     """
     n, declared = system.n, turns_of(system.dynamics)
     turns = np.where(declared, declared, 2 * np.pi)
-    turned = np.zeros(n, dtype=bool)
     q = np.random.default_rng(7).uniform(-1, 1, n)
-    at = [system.residual(q + turns * e, 0, 0, system.vector()).full() for e in (np.zeros(n), *np.eye(n))]
-    used = set(system.residual.jac_sparsity(0, 0).get_col())
-    for i, r in enumerate(at[1:]):
-        turned[i] = i in used and bool(np.abs(r - at[0]).max() <= 1e-12 * (1 + np.abs(at[0]).max()))
+
+    def away(share: float) -> Array:
+        """Return by how much a share of the turn of each coordinate changes the equations at rest, shape (n,)."""
+        at = [system.residual(q + share * turns * e, 0, 0, system.vector()).full() for e in (np.zeros(n), *np.eye(n))]
+        return np.array([np.abs(r - at[0]).max() for r in at[1:]]) / (1 + np.abs(at[0]).max())
+
+    turned = (away(1.0) <= SAME_EQUATIONS) & (away(PART) > SAME_EQUATIONS)
     return np.where(turned, turns, 0.0)
 
 

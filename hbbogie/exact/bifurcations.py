@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TURNS = ("fold", "fold not located")
+FLAT = 1e-12  # share of the parameter in the tangent that is none
 HALVINGS = 8  # bisections between two points
 REAL = 1e-6  # imaginary part, relative to the modulus, up to which a multiplier counts as real
 VALUE = 1e-12  # relative error of the parameter at any point
@@ -64,7 +65,7 @@ def multiplier_crossings(points: Sequence[Point], verdicts: Sequence[Stability])
     known = [i for i, s in enumerate(verdicts) if s.verdict != "unknown"]
     for i, j in pairwise(known):
         change = verdicts[j].unstable - verdicts[i].unstable
-        if not change or (abs(change) == 1 and any(p.kind in TURNS for p in points[i : j + 1])):
+        if not change or (abs(change) == 1 and any(map(_turns, points[i : j + 1]))):
             continue
         for k in range(i, j):  # multipliers are continuous where the sequence changes, so the last stretch is enough
             a, b = points[k], points[k + 1]
@@ -75,6 +76,11 @@ def multiplier_crossings(points: Sequence[Point], verdicts: Sequence[Stability])
             what = f"unstable multipliers go from {verdicts[i].unstable} to {verdicts[j].unstable} in this interval"
             found.append(_unlocated(points[i], points[j], i, what))
     return found
+
+
+def _turns(point: Point) -> bool:
+    """Tell whether the parameter is at an extremum, as where a branch begins at a family of linear cycles."""
+    return point.kind in TURNS or abs(float(point.tangent[-1])) <= FLAT
 
 
 def _unlocated(a: Point, b: Point, before: int, what: str) -> Crossing:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie.exact.closing import Closing, Linearised
 from hbbogie.results import Stability
-from hbbogie.stability.multipliers import judge
+from hbbogie.stability.verdicts import judge
 
 Array = NDArray[np.float64]
 

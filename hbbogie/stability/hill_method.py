@@ -14,8 +14,8 @@ from hbbogie.brief import brief
 from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
-from hbbogie.stability.multipliers import ALIGNED, CANDIDATES, sides
 from hbbogie.stability.variation import Waveforms, check_orbit
+from hbbogie.stability.verdicts import ALIGNED, CANDIDATES, sides
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -335,7 +335,7 @@ class Shooting:
 
     def isolation(self, path: Path, step: NewtonStep) -> float:
         """Return the smallest singular value of the scaled equations, estimated: about 0 in a family of cycles."""
-        with suppress(RuntimeError):  # singular to the last digit
+        with suppress(RuntimeError), np.errstate(all="ignore"):  # singular to the last digit
             factors = splu(self.matrix(path, step))
             y = np.ones(factors.shape[0])
             for _ in range(5):

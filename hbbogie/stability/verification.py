@@ -17,10 +17,10 @@ from hbbogie.results import Orbit, Stability
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.stability.alignment import HARMONICS, aligned, coefficients_of
 from hbbogie.stability.jumps import Passages, passages_along, passages_of
-from hbbogie.stability.multipliers import Motion, judge
 from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, NewtonStep, Path, Pattern, Shooting, states_at
 from hbbogie.stability.transitions import product
 from hbbogie.stability.variation import Waveforms, check_orbit
+from hbbogie.stability.verdicts import Motion, judge
 
 Array = NDArray[np.float64]
 

@@ -143,8 +143,25 @@ class TestVerdict:
     def test_says_what_it_is_among_cycles_of_one_level(self):
         system = follower(1.0)
         cycle = cycle_after(system, [1.0, 0.0, 0.5])
-        assert cycle.verdict == "unknown"
-        assert f"of one level the largest is {np.exp(-cycle.period):.3g}"[:-1] in cycle.stability.reason
+        balanced = hb.solve(hb.HarmonicBalance(31).equations(system), cycle, amplitude={"x": 1.1})
+        for judged, period in (
+            (cycle.stability, cycle.period),
+            (hb.floquet(system, balanced), duffing_period(balanced.amplitude("x"), 1.0)),
+        ):
+            assert judged.verdict == "stable" and "something is conserved" in judged.reason
+            assert "2 multipliers at 1 are expected, and found. Judged among motions of one level" in judged.reason
+            assert f"the largest {np.exp(-period):.3g}"[:-1] in judged.reason
+
+    def test_a_fold_is_no_family(self):
+        """r' = r (mu + r^2 - r^4) turns back at mu = -1/4, r^2 = 1/2: two multipliers are 1, and nothing is kept."""
+        x, y, z, mu = Coordinate("x"), Coordinate("y"), Coordinate("z"), Parameter("mu", -0.25)
+        r2 = x**2 + y**2
+        rate = mu + r2 - r2**2
+        system = System("Bautin", [x, y, z], [mu], [x.dot - x * rate + y, y.dot - y * rate - x, z.dot + z - x])
+        c = np.array([[0, 0, 0], [1, 0, 0.5], [0, 1, 0.5]]) * np.sqrt(0.5)  # z follows x
+        judged = hb.floquet(system, hb.Orbit("Bautin", ("x", "y", "z"), ("",) * 3, c, 1.0, {"mu": -0.25}))
+        assert judged.verdict == "unknown" and "family: 2" not in judged.reason
+        np.testing.assert_allclose(np.sort(np.abs(judged.multipliers))[1:], 1.0, atol=1e-6)
 
     def test_unstable_across_the_level(self):
         system = follower(-0.1)

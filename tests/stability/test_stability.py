@@ -23,7 +23,7 @@ from hbbogie.errors import ModelError
 from hbbogie.model import Cubic, DeadBand
 from hbbogie.motion import last_orbit, settle, simulate
 from hbbogie.results import Branch, Orbit
-from hbbogie.stability import floquet
+from hbbogie.stability import floquet, verify
 from problems.yang1995 import bogie
 
 
@@ -419,3 +419,15 @@ def test_new_fields_are_saved(tmp_path, yang: System, hunting: Orbit) -> None:
             before, after = getattr(orbit.stability, name), getattr(loaded, name)
             assert (before is None) == (after is None) and np.array_equal(before, after)
         assert (loaded.half_multipliers is not None) == half
+
+
+def test_a_multiplier_below_round_off_is_zero() -> None:
+    """The circle of radius 3 of r' = r (1 - r^2)(r^2 - 4)(r^2 - 9) / 10, with a multiplier of exp(-452)."""
+    x, y, k = Coordinate("x"), Coordinate("y"), Parameter("k", 0.1)
+    r2 = x**2 + y**2
+    rate = k * (1 - r2) * (r2 - 4) * (r2 - 9)
+    system = System("nested", [x, y], [k], [x.dot - x * rate + y, y.dot - y * rate - x])
+    for radius, verdict in ((1.0, "stable"), (2.0, "unstable"), (3.0, "stable")):
+        c = radius * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        orbit = verify(system, Orbit("nested", ("x", "y"), ("", ""), c, 1.0, {"k": 0.1})).orbit
+        assert orbit.stability is not None and orbit.stability.verdict == verdict
