@@ -66,7 +66,7 @@ class TestAroundFolds:
         def refuse(*_, **__):
             raise hb.ConvergenceError("no way on")
 
-        for name in ("trace", "followed_from"):
+        for name in ("balanced_trace", "followed_from"):
             monkeypatch.setattr(f"hbbogie.branches.walks.{name}", refuse)
         found = hb.find_cycles(pair(0.04), mu=0.04, interval=(-0.1, 0.1))
         assert len(found) == 1 and not found.complete
