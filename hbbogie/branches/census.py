@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.decaying import decays
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
-from hbbogie.branches.onsets import beginnings
+from hbbogie.branches.onsets import beginnings, distinct
 from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
@@ -68,7 +68,7 @@ class Census:
         self.value = system.values[parameter]
         self.span = widened(system, parameter, interval)
         self.branches = find_equilibria(system, parameter, self.span, start=start)
-        self.hopf = _distinct(self.branches.special("hopf"))
+        self.hopf = distinct(self.branches.special("hopf"))
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
         self.marks: list[Array] = []
@@ -334,17 +334,6 @@ class Census:
         for count, sense in ((self.undecided[False], ""), (self.undecided[True], " backwards in time")):
             still += f"; {count} motion(s){sense} stay undecided" if count else ""
         self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
-
-
-def _distinct(points: list[SpecialPoint]) -> list[SpecialPoint]:
-    """Return the Hopf points that differ in value, frequency or equilibrium."""
-    kept: list[SpecialPoint] = []
-    for point in points:
-        mark = np.append([point.value, point.omega], point.orbit.coefficients[0])
-        marks = (np.append([other.value, other.omega], other.orbit.coefficients[0]) for other in kept)
-        if not any(np.allclose(mark, other, rtol=1e-6, atol=1e-9) for other in marks):
-            kept.append(point)
-    return kept
 
 
 def _unknown(orbit: Orbit) -> bool:
