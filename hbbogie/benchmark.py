@@ -5,7 +5,7 @@ studies end as they should. ``python -m hbbogie.benchmark train`` measures train
 
 Each figure is the best of several single-threaded runs on this machine. Elapsed time is shown beside the processor time
 of this process, which is less sensitive to other work on the machine. Parts can be named: ``exact``, ``collocation``,
-``balance``, ``explorer``; the last moves sliders in a browser.
+``balance``, ``census``, ``explorer``; the last moves sliders in a browser.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from queue import Queue
 from threading import Thread
@@ -31,7 +32,10 @@ import numpy as np
 from scipy.stats import uniform
 
 from hbbogie import (
+    Coordinate,
     HarmonicBalance,
+    Parameter,
+    System,
     critical_speeds,
     critical_speeds_of,
     find_cycles,
@@ -254,6 +258,17 @@ def measure_collocation(table: Table) -> None:
     )
 
 
+def measure_census(table: Table) -> None:
+    """Measure the search for all cycles of two smooth systems with slow and fast motions, from nothing."""
+    x, y, z = Coordinate("x"), Coordinate("y"), Coordinate("z")
+    f, current, q = Parameter("f", 1.0), Parameter("I", 2.0), 0.002
+    steep = [0.04 * x.dot - (x * (1 - x) - f * z * (x - q) / (x + q)), z.dot - (x - z)]
+    spikes = [x.dot - (y - x**3 + 3 * x**2 - z + current), y.dot - (1 - 5 * x**2 - y)]
+    bursts = System("Hindmarsh-Rose, I = 2", [x, y, z], [current], [*spikes, z.dot - 0.006 * (4 * (x + 1.6) - z)])
+    for system in (System("Oregonator, f = 1", [x, z], [f], steep), bursts):
+        table.add(f"all cycles of {system.name}", partial(find_cycles, system), 1, lambda c: f"T = {c[0].period:.9g}")
+
+
 def measure_auto(table: Table) -> None:
     """Measure AUTO-07p on the bogie's branch, from 190 m/s around the fold, by its own clock."""
     what = "branch by AUTO-07p, 60 intervals, with multipliers"
@@ -332,7 +347,7 @@ def _peak_memory() -> float:
 
 def main(arguments: Sequence[str] = ()) -> None:
     """Measure and print what the arguments of the command line ask for: all parts, those named, or reliability."""
-    known = {"exact": measure_exact, "collocation": measure_collocation, "balance": measure}
+    known = {"exact": measure_exact, "collocation": measure_collocation, "balance": measure, "census": measure_census}
     known |= {"auto": measure_auto, "explorer": measure_explorer}
     parser = argparse.ArgumentParser(prog="python -m hbbogie.benchmark", description=__doc__)
     parser.add_argument("parts", nargs="*", help=f"{', '.join(known)}; or reliability; or train")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.decaying import decays
 from hbbogie.branches.motions import recurrences, sample_distance, state_of
-from hbbogie.branches.onsets import beginnings
+from hbbogie.branches.onsets import beginnings, distinct
 from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
@@ -34,6 +34,15 @@ MOST_SWITCHED = 6  # branches that begin at special points of others
 LEAST_STATES = 3  # of a system whose cycles lose their symmetry or double their period
 SAME = 1e-3  # distance of cycles, and of values relative to the interval, up to which special points are one
 ZERO = 1e-12  # share of the interval up to which a value of the parameter is zero
+ROUGH = 1e-3  # share of the highest harmonics of a recurrence beyond which stiff integration tells more of it
+ALIKE = 0.01  # share of a period by which that of a recurrence may be off
+ROUGHEST = 0.05  # the same, beyond which its harmonics lead nowhere
+ENDS = {
+    "known": "came to a cycle found already",
+    "rest": "came to rest",
+    "unbounded": "left every bound",
+    "singular": "ended where the equations are singular",
+}
 SOLVED = ("exact", "collocation")  # methods whose cycles need no polish
 
 
@@ -59,7 +68,7 @@ class Census:
         self.value = system.values[parameter]
         self.span = widened(system, parameter, interval)
         self.branches = find_equilibria(system, parameter, self.span, start=start)
-        self.hopf = _distinct(self.branches.special("hopf"))
+        self.hopf = distinct(self.branches.special("hopf"))
         self.equilibria: list[Equilibrium] = equilibria_at(system, self.branches, self.value)
         self.found: list[Orbit] = []
         self.marks: list[Array] = []
@@ -81,13 +90,18 @@ class Census:
 
     def follow_branches(self) -> None:
         """Follow the branch from every Hopf point, and consider the cycles at the value."""
+        walks: list[Walked] = []
         for hopf, which in (start for point in self.hopf for start in beginnings(self.system, point)):
             name = f"the branch from the Hopf point at {self.parameter} = {hopf.value:.9g}{which}"
             if time_is_over():
                 self.evidence.append(f"{name} was not followed: the time limit was reached")
                 return
+            if not which and any(walked.reaches(hopf, self.span[1] - self.span[0]) for walked in walks):
+                self.evidence.append(f"{name} is one that was followed and ends there")
+                continue
             for walked in self.walker.from_hopf(hopf, name):
                 self._take(walked, name)
+                walks.append(walked)
 
     def follow_cycles(self) -> None:
         """Follow the branches of cycles that lie on none followed yet, and consider what each cycle lets expect."""
@@ -192,21 +206,20 @@ class Census:
         """Follow a motion; return what it came to, for people."""
         known = [signature(_turned(o) if sense else o) for o in self.found]
         for met in recurrences(there, x, h, size, known):
-            if (
-                met.kind == "cycle"
-                and met.orbit is not None
-                and self.failures < (FEW_FAILURES if self.found else MOST_FAILURES)
-            ):
+            if met.kind == "cycle" and met.orbit is not None:
+                if met.state is not None and met.orbit.tail > ROUGH:  # samples miss what is steep
+                    if what := self._settled(met.state, sense, where, met.orbit.period):
+                        return what
+                    if met.orbit.tail > ROUGHEST:
+                        continue
+                if self.failures >= (FEW_FAILURES if self.found else MOST_FAILURES):
+                    continue
                 orbit = _turned(met.orbit) if sense else met.orbit
                 if self.consider(orbit, f"a motion from {where}", near=True):
                     return "came to a cycle"
                 if self.polishing.family:
                     return "came to one of a continuous family of cycles"
                 self.failures += 1
-            elif met.kind == "known":
-                return "came to a cycle found already"
-            elif met.kind == "rest":
-                return "came to rest"
             elif met.kind == "running":
                 name, period = met.turns
                 self.running = (
@@ -214,20 +227,12 @@ class Census:
                     f'angle is declared as one, Coordinate("{name}", "rad", turn=2 * pi)'
                 )
                 return "run on"
-            elif met.kind == "unbounded":
-                return "left every bound"
+            elif met.kind in ENDS:
+                return ENDS[met.kind]
             elif met.state is not None and self._decays(there, met.state):
                 return "decays to rest as its linear motion does"
-        if self.unsettled < MOST_FAILURES:
-            if (motion := settled(self.system, x, backwards=sense)) is not None:
-                if on_one_of(motion, self.marks):
-                    return "came to a cycle found already"
-                if (cycle := solved(self.system, motion)) is not None:
-                    if (member := self.polishing.isolated(cycle.orbit())) is None:
-                        return "came to one of a continuous family of cycles"
-                    self._keep(member, f"a motion from {where}", cycle.mark())
-                    return "came to a cycle"
-            self.unsettled += 1
+        if what := self._settled(x, sense, where):
+            return what
         self.undecided[sense] += 1
         which = "a motion backwards in time" if sense else "a motion"
         said = f"{which} from {where} has neither settled nor come back to itself"
@@ -238,6 +243,27 @@ class Census:
         """Tell whether a motion, forwards or backwards in time, decays to an equilibrium."""
         found = (equilibrium_near(there, e.x[: there.n]) for e in self.equilibria)
         return decays(there, x, [e for e in found if e is not None])
+
+    def _settled(self, x: Array, sense: bool, where: str, period: float = 0.0) -> str:
+        """Follow a motion by the integrator for stiff systems; return what it came to, empty where that is open.
+
+        A motion that has recurred after a ``period`` and comes to a cycle of another one goes on beyond a first cycle.
+        """
+        if self.unsettled >= MOST_FAILURES:
+            return ""
+        if (motion := settled(self.system, x, backwards=sense)) is not None:
+            times = period / motion.period
+            if abs(times - round(times)) > ALIKE * times:
+                return ""
+            if on_one_of(motion, self.marks):
+                return ENDS["known"]
+            if (cycle := solved(self.system, motion)) is not None:
+                if (member := self.polishing.isolated(cycle.orbit())) is None:
+                    return "came to one of a continuous family of cycles"
+                self._keep(member, f"a motion from {where}", cycle.mark())
+                return "came to a cycle"
+        self.unsettled += 1
+        return ""
 
     def _sizes(self) -> Array:
         system, p = self.system, self.system.vector()
@@ -308,17 +334,6 @@ class Census:
         for count, sense in ((self.undecided[False], ""), (self.undecided[True], " backwards in time")):
             still += f"; {count} motion(s){sense} stay undecided" if count else ""
         self.evidence.insert(0, f"no cycle was found at {self.parameter} = {self.value:.6g}: {about}; {text}{still}")
-
-
-def _distinct(points: list[SpecialPoint]) -> list[SpecialPoint]:
-    """Return the Hopf points that differ in value, frequency or equilibrium."""
-    kept: list[SpecialPoint] = []
-    for point in points:
-        mark = np.append([point.value, point.omega], point.orbit.coefficients[0])
-        marks = (np.append([other.value, other.omega], other.orbit.coefficients[0]) for other in kept)
-        if not any(np.allclose(mark, other, rtol=1e-6, atol=1e-9) for other in marks):
-            kept.append(point)
-    return kept
 
 
 def _unknown(orbit: Orbit) -> bool:

@@ -39,8 +39,14 @@ def followed_from(
     longest: float = 0.5,
     max_points: int = 400,
     progress: Callable[[float], None] | None = None,
+    before: Orbit | None = None,
+    work: float = np.inf,
 ) -> Followed:
-    """Follow the branch of cycles from an orbit or a special point; parameters and errors as of `trace`."""
+    """Follow the branch of cycles from an orbit or a special point; parameters and errors as of `trace`.
+
+    Where an orbit ``before`` the start is given, the branch is followed away from it only; ``work`` limits the number
+    of intervals of all points.
+    """
     system = equations.system
     span = check_interval(system, parameter, interval)
     special = start if isinstance(start, SpecialPoint) else None
@@ -59,6 +65,8 @@ def followed_from(
         Rates(system, parameter),
         span,
         grows=from_hopf,
+        before=None if before is None else from_orbit(system, before),
+        work=work,
         degree=chosen.degree,
         tolerance=chosen.tolerance,
         **options,  # type: ignore[arg-type]

@@ -116,6 +116,45 @@ def trace(
         steps = step, longest, max_points
         with time_limit(limit):
             return _beside_the_waist(equations, start, parameter, (lo, hi), steps, stability, progress)
+    return balanced_trace(
+        equations,
+        start,
+        parameter,
+        (lo, hi),
+        step=step,
+        longest=longest,
+        max_points=max_points,
+        families=families,
+        stability=stability,
+        tolerance=tolerance,
+        limit=limit,
+        progress=progress,
+    )
+
+
+def balanced_trace(
+    equations: Equations,
+    start: Orbit | SpecialPoint,
+    parameter: str,
+    interval: tuple[float, float],
+    *,
+    step: float = 0.02,
+    longest: float = 0.3,
+    max_points: int = 500,
+    families: bool = True,
+    stability: bool = True,
+    tolerance: float = 1e-10,
+    limit: float | None = None,
+    progress: Progress | None = None,
+    unresolved: float = np.inf,
+) -> Branch:
+    """Follow a branch of harmonic balance as `trace` does, up to cycles that the harmonics do not resolve.
+
+    Parameters
+    ----------
+    unresolved : float
+        Share of the highest harmonics beyond which the branch ends; the rest as of `trace`.
+    """
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(f"trace: {step=}, {longest=}, {max_points=}; need 0 < step <= longest, 2 points.")
     if equations.phase is None:
@@ -131,11 +170,11 @@ def trace(
     p = equations.system.vector()
     place = equations.system.parameter_names.index(parameter)
     p[place] = origin.parameters.get(parameter, p[place])
-    check_start(parameter, float(p[place]), (lo, hi))
+    check_start(parameter, float(p[place]), interval)
     given = equations
     if not begins:
         equations = at_its_amplitude(equations, origin, place, tolerance)
-    curve = CycleCurve(equations, parameter, (lo, hi), p, tolerance, families)
+    curve = CycleCurve(equations, parameter, interval, p, tolerance, families, unresolved)
     options: dict[str, Any] = {"step": step, "longest": longest, "shortest": SHORTEST, "most": max_points}
     with time_limit(limit):
         found = _traced(curve, start, begins, stability, options, progress)

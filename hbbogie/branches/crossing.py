@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hbbogie.branches.continuation import trace
+from hbbogie.branches.continuation import balanced_trace, trace
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
@@ -35,11 +35,18 @@ def branches_from_hopf(equations: Equations, parameter: str, interval: tuple[flo
     return found
 
 
-def from_hopf(equations: Equations, hopf: SpecialPoint, parameter: str, interval: tuple[float, float]) -> list[Branch]:
+def from_hopf(
+    equations: Equations,
+    hopf: SpecialPoint,
+    parameter: str,
+    interval: tuple[float, float],
+    unresolved: float = np.inf,
+) -> list[Branch]:
     """Trace the branch from a Hopf point, and those that leave it where all its cycles have one value of the parameter.
 
     Of such a family, as of a linear or conservative limit, some members are on branches that cross it, at amplitudes
     at which the derivative in the parameter is orthogonal to the left null vector (Melnikov's condition).
+    They end where the share of the highest harmonics is beyond what is ``unresolved``.
 
     Raises
     ------
@@ -47,14 +54,15 @@ def from_hopf(equations: Equations, hopf: SpecialPoint, parameter: str, interval
         When no cycle is found next to the Hopf point.
     """
     options: dict[str, Any] = {"stability": False}
-    branch = trace(equations, hopf, parameter, interval, families=False, **options)
+    single: dict[str, Any] = {**options, "families": False, "unresolved": unresolved}
+    branch = balanced_trace(equations, hopf, parameter, interval, **single)
     if not is_family(branch, interval):
         return [branch]
     found, family = [branch], trace(equations, hopf, parameter, interval, max_points=MEMBERS, **options)
     for special in family.special:
         if special.onward is not None:
             with suppress(ConvergenceError):
-                found.append(trace(equations, special, parameter, interval, families=False, **options))
+                found.append(balanced_trace(equations, special, parameter, interval, **single))
     return found
 
 

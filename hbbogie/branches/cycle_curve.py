@@ -39,6 +39,8 @@ class CycleCurve:
         Largest scaled residual of a point.
     families : bool
         Whether the curve goes on where the parameter does not vary along it.
+    unresolved : float
+        Share of the highest harmonics beyond which it ends.
     """
 
     def __init__(
@@ -49,10 +51,11 @@ class CycleCurve:
         p: Array,
         tolerance: float,
         families: bool = True,
+        unresolved: float = np.inf,
     ):
         place = equations.system.parameter_names.index(parameter)
         self.problem = Problem(equations, Conditions((place,)), p, bounded=False)  # the window bounds it
-        self.equations, self.parameter, self.families = equations, parameter, families
+        self.equations, self.parameter, self.families, self.unresolved = equations, parameter, families, unresolved
         self.scale = np.append(equations.scale, (interval[1] - interval[0]) / 4)
         self.weights, self.window = np.ones(len(self.scale)), {equations.size: interval}
         self.rows, self.tolerance = equations.residual_scale, tolerance
@@ -95,6 +98,8 @@ class CycleCurve:
             approach = homoclinic_ending(self.equations.system, self.orbit(there), self.where(there.u))
             if approach is not None:
                 return approach
+        if self.unresolved < np.inf and self.orbit(there).tail > self.unresolved:
+            return Ending("unresolved", f"{self.equations.method} no longer resolve the cycles beyond {place}")
         met = self.problem.violated(there.u)
         if any(bound.place == self.equations.leading and bound.side == "lower" for bound in met):
             first, higher = (

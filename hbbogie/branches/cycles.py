@@ -13,6 +13,7 @@ from hbbogie.branches.judging import verified
 from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import once_each
 from hbbogie.branches.simulated import NEAR, settled_cycles
+from hbbogie.collocation.cycle import cycle_again
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over, time_limit
 from hbbogie.equilibria.census import Start
@@ -243,7 +244,7 @@ def _why(orbit: Orbit, tolerance: float) -> str:
 def _best(system: System, orbit: Orbit, tolerance: float) -> Orbit:
     """Return a cycle found, polished by shooting, with as many harmonics as the tolerance takes, or by collocation."""
     if orbit.method.startswith("collocation"):  # from a branch, whose mesh may be that of a point before
-        again = solved(system, from_orbit(system, orbit), kinked=True)
+        again = solved(system, cycle_again(system, orbit), kinked=True, waveform=tolerance)
         orbit = again.orbit() if again and abs(again.omega / orbit.omega - 1) < REFINED else orbit
     if not orbit.method.startswith(POLISHED):
         return orbit.replace(status=f"{orbit.status.rstrip('.')}.{_why(orbit, tolerance)}")

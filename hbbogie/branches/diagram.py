@@ -131,22 +131,24 @@ def bifurcation_diagram(
         return about.by(method, stability)
     cycles: list[Orbit] | None = None
     for H in ORDERS if harmonics == "auto" else (int(harmonics),):
-        notes: list[str] = []
+        notes, said = list[str](), list[str]()
         progress(f"branches with harmonics up to {H}", None)
-        traced = about.traced(H, (), False, notes)
+        traced = about.traced(H, False, notes)
         family = _holds_family(traced, interval, system.values[parameter])
         if cycles is None:
             cycles = [] if family else _cycles(system, parameter, harmonics, stability, notes)
-        traced = about.traced(H, cycles, False, notes)
+        traced = about.through(cycles, traced, H, False, notes)
+        if harmonics != "auto":
+            break
         error, said = estimate(system, [b for b in traced if not is_family(b, interval)], H, tolerance)
         if error <= tolerance or time_is_over():
             break
-    notes += said if harmonics == "auto" else []
+    notes += said
     if _holds_family(traced, interval, system.values[parameter]):
         cycles = []  # what was found is but one of the family
     families = [shown_part(b, HarmonicBalance(H).equations(system)) for b in traced if is_family(b, interval)]
     if stability:
-        traced = about.traced(H, cycles or (), True, notes)
+        traced = about.through(cycles or (), about.traced(H, True, notes), H, True, notes)
     branches = [b for b in traced if not is_family(b, interval)]
     named = numbered("branch", branches) | about.beyond(branches, families, H, notes)
     return Diagram(
@@ -207,10 +209,16 @@ class _About:
             notes.append(f"No branch was traced from the {what} at {self.parameter} = {place:.6g}: {error}")
             return []
 
-    def traced(self, H: int, cycles: Sequence[Orbit], stability: bool, notes: list[str]) -> list[Branch]:
-        """Return the branches from the Hopf points, and those through cycles that lie on none of them."""
+    def traced(self, H: int, stability: bool, notes: list[str]) -> list[Branch]:
+        """Return the branches from the Hopf points."""
         equations = HarmonicBalance(H).equations(self.system)
-        found = [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
+        return [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
+
+    def through(
+        self, cycles: Sequence[Orbit], known: Sequence[Branch], H: int, stability: bool, notes: list[str]
+    ) -> list[Branch]:
+        """Return the branches known, and those through cycles that lie on none of them."""
+        equations, found = HarmonicBalance(H).equations(self.system), list(known)
         inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
         for cycle in cycles if inside else ():
             if not any(_passes(equations, b, cycle) for b in found):

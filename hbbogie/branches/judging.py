@@ -8,16 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from hbbogie.deadline import time_is_over
+from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.results.branch import Branch
 from hbbogie.results.failure import FAILURES, ConvergenceError
+from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet, floquet_of_each
 from hbbogie.stability.verification import verify
 
 TOGETHER = 8000  # orbits judged together, times the square of the number of states: their matrices are in memory
 EXACT = 1e-3  # error of the trivial multiplier beyond which a cycle without a verdict is polished
 MEETING = 0.2  # distance from 1 of two multipliers that meet there: next to a fold shooting is of no help
+MOST = 63  # harmonics with which a cycle without a verdict is solved for again
 NEAR, FAR = 0.01, 0.5  # distance in frequency and, relative to the peaks, in waveform of a polished cycle
 
 
@@ -44,7 +47,7 @@ def estimate(system: System, branches: Sequence[Branch], H: int, tolerance: floa
 
 
 def stability_of(system: System, orbit: Orbit) -> Stability | None:
-    """Return the stability of a cycle; where it is unknown, that of the cycle polished by shooting.
+    """Return the stability of a cycle; where it is unknown, that of the cycle with more harmonics, or by shooting.
 
     Parameters
     ----------
@@ -83,7 +86,7 @@ def stabilities_of(system: System, orbits: Sequence[Orbit], polish: bool = True)
         first = [None for _ in some] if time_is_over() else _judged_together(system, some)
         for orbit, stability in zip(some, first, strict=True):
             if polish and stability is not None and not clear(stability) and not time_is_over():
-                stability = polished_stability(system, orbit) or stability
+                stability = finer_stability(system, orbit) or polished_stability(system, orbit) or stability
             found.append(stability)
     return found
 
@@ -104,6 +107,21 @@ def clear(stability: Stability) -> bool:
     """Tell whether a verdict is one, or will not become one for a better cycle, as where two multipliers meet at 1."""
     meeting = np.count_nonzero(np.abs(stability.multipliers - 1) < MEETING) > 1
     return bool(stability.verdict != "unknown" or stability.trivial_error <= EXACT or meeting)
+
+
+def finer_stability(system: System, orbit: Orbit) -> Stability | None:
+    """Return the stability of a cycle of harmonic balance with twice the harmonics; None where that is not clear."""
+    if not orbit.method.startswith("harmonic balance") or orbit.H > MOST // 2:
+        return None
+    at = system.with_parameters(**orbit.parameters)
+    try:
+        finer = solve(HarmonicBalance(2 * orbit.H + 1).equations(at), orbit, method="newton")
+        found = floquet(system, finer)
+    except FAILURES:
+        return None
+    if abs(finer.omega / orbit.omega - 1) > NEAR or not clear(found):
+        return None
+    return replace(found, reason=f"{found.reason} Judged on the cycle with harmonics up to {finer.H}.")
 
 
 def polished_stability(system: System, orbit: Orbit) -> Stability | None:

@@ -40,8 +40,9 @@ TURN = 2 * np.pi
 STATES = (Trajectory, Mapping, np.ndarray)  # types of what gives a state
 HARMONICS = 255  # of the recurrence, at most
 AROUND, FINE = 4, 200  # samples on each side of a recurrence, and places looked at between two of them
-PIECES = 12  # of a motion whose integration fails, shorter and shorter ones, in which it is followed on
+PIECES, BRIEF = 60, 200  # of a motion whose integration fails, shorter and shorter ones, and steps of each at most
 GROWN = 30.0  # size of a state, in units of its own, at which such a motion is about to leave every bound
+STOPPED, STEEP = 1e-9, 100.0  # share of the time in which it gets no further, and growth of the rates until then
 CANDIDATES = 6  # samples near which the end of a motion may be met before
 ONE_RETURN = 1e-3  # distance of a return from closed that makes it a period, whether or not later ones are closer
 
@@ -52,7 +53,8 @@ class Recurrence:
 
     Attributes
     ----------
-    kind : {"cycle", "known", "rest", "running", "undecided", "unbounded"}
+    kind : {"cycle", "known", "rest", "running", "undecided", "unbounded", "singular"}
+        A motion is "singular" where it ends in finite time, as where an equation divides by zero.
     orbit : Orbit or None
         Its last recurrence.
     after : float, s
@@ -159,7 +161,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         try:
             states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE)])
         except ConvergenceError:
-            kind = "unbounded" if _blows_up(system, x, p, h, size) else "undecided"
+            kind = _lost(system, x, p, h, size)
             yield Recurrence(kind, orbit if kind == "undecided" else None, elapsed)
             return
         if not np.isfinite(states).all() or (np.abs(states) > 1e6 * size).any():
@@ -196,24 +198,32 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
             if any(_alike(signature(orbit), other, width) for other in known):
                 yield Recurrence("known", orbit, elapsed)
                 return
-            yield Recurrence("cycle", orbit, elapsed)
+            yield Recurrence("cycle", orbit, elapsed, state=x)
         if back > CHUNK // 4:
             h *= 2
     yield Recurrence("undecided", orbit, elapsed, state=x)
 
 
-def _blows_up(system: System, x: Array, p: Array, h: float, size: Array) -> bool:
-    """Tell whether a motion that cannot be followed over a time leaves every bound within it."""
+def _lost(system: System, x: Array, p: Array, h: float, size: Array) -> str:
+    """Return what kind of motion cannot be followed over a time: "unbounded", "singular" or "undecided"."""
+    whole = piece = CHUNK * h
+    rate = first = _speed(system, x, p, size)
     for _ in range(PIECES):
         try:
-            there = states_after(system, x, p, h, CHUNK, TOLERANCE)[-1]
+            there = states_after(system, x, p, piece, 1, TOLERANCE, BRIEF)[0]
         except ConvergenceError:
-            h /= 8
+            if piece <= STOPPED * whole:
+                return "singular" if rate > STEEP * first else "undecided"
+            piece /= 4
             continue
         if not np.isfinite(there).all() or (np.abs(there) > GROWN * size).any():
-            return True
-        x = there
-    return False
+            return "unbounded"
+        x, rate = there, _speed(system, there, p, size)
+    return "undecided"
+
+
+def _speed(system: System, x: Array, p: Array, size: Array) -> float:
+    return float(np.abs(system.ode(x, p).full().ravel() / size).max())
 
 
 def _running(system: System, states: Array, h: float) -> tuple[str, float] | None:

@@ -57,3 +57,14 @@ def _combined(modes: list[Complex]) -> list[Complex]:
     """Return each mode, and each two of them with several shares."""
     pairs = [(a, b) for i, a in enumerate(modes) for b in modes[i + 1 :]]
     return [*modes, *(a + share * b for a, b in pairs for share in (1j, -1j, 1.0))][:MOST]
+
+
+def distinct(points: list[SpecialPoint]) -> list[SpecialPoint]:
+    """Return the Hopf points that differ in value, frequency or equilibrium."""
+    kept: list[SpecialPoint] = []
+    for point in points:
+        mark = np.append([point.value, point.omega], point.orbit.coefficients[0])
+        marks = (np.append([other.value, other.omega], other.orbit.coefficients[0]) for other in kept)
+        if not any(np.allclose(mark, other, rtol=1e-6, atol=1e-9) for other in marks):
+            kept.append(point)
+    return kept

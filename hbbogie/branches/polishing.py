@@ -25,6 +25,7 @@ from hbbogie.stability.verification import verify
 
 FINER = (31, 63)  # harmonics with which a candidate is tried again where shooting does not close it
 UNRESOLVED = 1e-2  # tail of an orbit beyond which collocation is tried before shooting
+ENOUGH = 320  # intervals of collocation for a cycle that harmonics resolve
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 ONE, SPLIT = 1e-2, 1e-6  # largest error of the trivial multiplier, and distance from 1 of others that are 1 as well
 EXACT = 1e-10  # error of shooting, and of cycles in closed form
@@ -78,7 +79,8 @@ class Polishing:
                 break
         if self.family:
             return None
-        if orbit.tail <= UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:
+        guess = from_orbit(self.system, orbit)
+        if orbit.tail <= UNRESOLVED and (cycle := solved(self.system, guess, most=ENOUGH)) is not None:
             return self.isolated(cycle.orbit())
         if not resolved or finer.tail > CONVERGED**0.5:
             return None

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.collocation.cycle import CollocatedCycle
-from hbbogie.collocation.solving import Guess, collocated
+from hbbogie.collocation.solving import MOST, Guess, collocated
 from hbbogie.collocation.starting import Sampled, from_motion
 from hbbogie.model.system import System
 from hbbogie.results.failure import FAILURES
@@ -39,17 +39,23 @@ def _kinked(system: System) -> bool:
     return any(element.ramps is not None for element in system.elements)
 
 
-def solved(system: System, guess: Guess, *, kinked: bool = False) -> CollocatedCycle | None:
-    """Return the cycle that collocation leads to from a guess; None where there is none.
+def solved(
+    system: System, guess: Guess, *, kinked: bool = False, most: int = MOST, waveform: float = np.inf
+) -> CollocatedCycle | None:
+    """Return the cycle that collocation leads to from a guess; None where there is none with so many intervals.
 
-    Systems with piecewise-linear elements are tried only if ``kinked`` says so.
+    Systems with piecewise-linear elements are tried only if ``kinked`` says so. Of a waveform whose estimated error is
+    larger than asked for the intervals are divided.
     """
     if _kinked(system) and not kinked:
         return None
     try:
-        return collocated(system, guess)
+        cycle = collocated(system, guess, most=most)
+        while cycle.waveform_error > waveform and len(cycle.mesh) <= most // 2:
+            cycle = collocated(system, cycle, intervals=2 * (len(cycle.mesh) - 1))
     except FAILURES:
         return None
+    return cycle
 
 
 def on_one_of(motion: Sampled, marks: list[Array]) -> bool:

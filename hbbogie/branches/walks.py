@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -17,15 +17,20 @@ from hbbogie.branches.closed_form import (
     exact_walk_beyond,
     exact_walk_through,
 )
-from hbbogie.branches.collocated import branch_of, collocated_forks, followed_from
-from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import complete, crossings, extent, from_hopf
+from hbbogie.branches.collocated import collocated_forks, followed_from
+from hbbogie.branches.continuation import balanced_trace
+from hbbogie.branches.crossing import crossings, extent, from_hopf
+from hbbogie.branches.relaxation import solved
 from hbbogie.branches.same import alike, once_each, samples
 from hbbogie.collocation.method import Collocation
+from hbbogie.collocation.rates import Rates
+from hbbogie.collocation.special import judged
 from hbbogie.deadline import time_is_over
+from hbbogie.errors import ModelError
 from hbbogie.exact.walk import Walk
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
 from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.failure import FAILURES, ConvergenceError
@@ -36,11 +41,16 @@ MOST = 120  # points of a branch from a cycle, to either side
 MOST_HARMONICS = 63  # with which a branch of several times the period is followed
 FOLLOWED: dict[str, Any] = {"families": False, "stability": False, "max_points": MOST}
 UNRESOLVED = 1e-2  # share of the highest harmonics, or of those left out, beyond which cycles are not resolved
+COARSELY = 1e-6  # error with which branches are followed by collocation; the cycles at the value are solved for again
+WORK = 32_000  # intervals of all points, to either side, times states
+FINE = 0.1  # share of that in the cycle away from which collocation goes on
 MOST_TURNS = 3  # of a cycle that is followed by collocation: chaotic motions lead to ever longer ones
-MOST_COLLOCATED = 60  # the same by collocation
+MOST_COLLOCATED, MOST_BEYOND = 60, 200  # the same by collocation, and of a branch that goes on by it
 RESTS = 1e-9  # size of a motion, relative to the largest coordinate, that is round-off
 LIKE = 0.05  # distance up to which a cycle of the branch is the one from which it was followed
 CROSSED = 1e-6  # share of the interval up to which a special point is the one where a branch began
+VANISHED = 1e-4  # share of the interval by which a small cycle is off its Hopf point
+NEAR = 1e-2  # the same of its frequency and place
 SAME = 1e-8  # share of the interval up to which values of the parameter are one
 BESIDE = 0.01  # share of the interval beside cycles that are not resolved in which others are looked for
 
@@ -59,12 +69,24 @@ class Walked:
         Those at the value asked for: candidates that are yet to be polished, unless they are exact.
     forks : callable
         Gives the special points at which other branches begin or cross, each with a first guess beyond if there is one.
+    vanishing : tuple of Orbit
+        Small cycles with which the branch ends at other Hopf points.
     """
 
     said: str
     complete: bool
     cycles: list[Orbit]
     forks: Callable[[], list[SpecialPoint]] = list
+    vanishing: tuple[Orbit, ...] = ()
+
+    def reaches(self, hopf: SpecialPoint, width: float) -> bool:
+        """Tell whether the branch ends at a Hopf point; ``width`` is that of the interval of the parameter."""
+        for small in self.vanishing:
+            off = abs(small.parameters[hopf.parameter] - hopf.value) / width, abs(small.omega / hopf.omega - 1)
+            mean, place = small.coefficients[0], hopf.orbit.coefficients[0]
+            if off[0] <= VANISHED and off[1] <= NEAR and np.allclose(mean, place, NEAR, NEAR * np.abs(place).max()):
+                return True
+        return False
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +102,16 @@ class Walker:
         """The value of the parameter at which cycles are wanted."""
         return self.system.values[self.parameter]
 
+    @cached_property
+    def _unresolved(self) -> float:
+        """Share of the highest harmonics beyond which collocation takes over, where it applies."""
+        try:
+            Rates(self.system, self.parameter)
+        except ModelError:
+            return np.inf
+        held = conserved_quantities(self.system, self.system.vector(), np.ones(self.system.n_states))
+        return np.inf if len(held) else UNRESOLVED
+
     def from_hopf(self, hopf: SpecialPoint, name: str) -> Iterator[Walked]:
         """Follow the branch from a Hopf point, and those that leave it where it is a family at one value."""
         try:
@@ -91,7 +123,7 @@ class Walker:
             return
         equations = HarmonicBalance(COARSE).equations(self.system)
         try:
-            branches = from_hopf(equations, hopf, self.parameter, self.span)
+            branches = from_hopf(equations, hopf, self.parameter, self.span, self._unresolved)
         except FAILURES as error:
             yield Walked(f"{name} was not followed: {error}", False, [])
             return
@@ -145,7 +177,8 @@ class Walker:
             if ahead.H > MOST_HARMONICS:
                 raise ConvergenceError(f"its cycles take more than {MOST_HARMONICS} harmonics")
             equations = HarmonicBalance(ahead.H, odd=None if ahead.is_odd(0.0) else False).equations(self.system)
-            branch = trace(equations, fork, self.parameter, self.span, **FOLLOWED)
+            options = {**FOLLOWED, "unresolved": self._unresolved}
+            branch = balanced_trace(equations, fork, self.parameter, self.span, **options)
             walked = self._balanced(equations, branch, name, [])
             return replace(walked, forks=partial(self._away_from, fork, walked.forks))
         except FAILURES as error:
@@ -172,41 +205,60 @@ class Walker:
                 return None
             equations = HarmonicBalance(H).equations(self.system)
             start = solve(equations, orbit, method="newton")  # where that fails more harmonics do, or collocation
-            return self._balanced(equations, trace(equations, start, self.parameter, self.span, **FOLLOWED), name, [])
+            options = {**FOLLOWED, "unresolved": self._unresolved}
+            branch = balanced_trace(equations, start, self.parameter, self.span, **options)
+            return self._balanced(equations, branch, name, [])
 
         return attempt
 
     def _balanced(self, equations: Equations, branch: Branch, name: str, cycles: list[Orbit]) -> Walked:
-        """Return a branch of harmonic balance; where its cycles are not resolved they are those of collocation."""
+        """Return a branch of harmonic balance, followed on by collocation from where its cycles are not resolved."""
         cycles = once_each([*cycles, *crossings(equations, branch, self.value)])
-        said, whole = extent(name, branch.values, branch.ends), complete(branch)
-        room, others = BESIDE * (self.span[1] - self.span[0]), list[Walked]()
-        for orbits in (branch.orbits, branch.orbits[::-1]):
-            k = next((i for i, o in enumerate(orbits) if o.tail <= UNRESOLVED), 0)
-            values = [o.parameters[self.parameter] for o in orbits[: k + 1]]
-            part = max(self.span[0], min(values) - room), min(self.span[1], max(values) + room)
-            if not k or not part[0] <= self.value <= part[1]:
-                continue
-            try:
-                others.append(replace(self, span=part)._collocated(orbits[k], name))
-            except FAILURES:
-                said, whole = f"{said}; its cycles near {self.parameter} = {values[0]:.6g} are not resolved", False
+        ends = zip(branch.ends, (branch.orbits[0], branch.orbits[-1]), strict=True)
+        small = [orbit for end, orbit in ends if end.kind == "vanishes"]
+        said, others = extent(name, branch.values, branch.ends), list[Walked]()
+        whole = all(e.complete or e.kind == "unresolved" for e in branch.ends)
+        for end, orbits in zip(branch.ends, (branch.orbits, branch.orbits[::-1]), strict=True):
+            where = f"its cycles near {self.parameter} = {orbits[0].parameters[self.parameter]:.6g} are not resolved"
+            if end.kind == "unresolved" and len(orbits) > 1:
+                try:
+                    before = next((o for o in orbits[1:] if o.tail <= FINE * UNRESOLVED), orbits[-1])
+                    others.append(self._collocated(orbits[0], "it", before))
+                except FAILURES:
+                    said, whole = f"{said}; {where}", False
+            elif end.kind == "unresolved" or self._astray(orbits):
+                said, whole = f"{said}; {where}", False
+        said, whole = "; ".join([said, *(o.said for o in others)]), whole and all(o.complete for o in others)
         cycles += [cycle for other in others for cycle in other.cycles]
+        small += [orbit for other in others for orbit in other.vanishing]
 
         def found() -> list[SpecialPoint]:
             return [*forks_of(equations, branch, self.span), *(fork for other in others for fork in other.forks())]
 
-        return Walked(said, whole, cycles, found)
+        return Walked(said, whole, cycles, found, tuple(small))
 
-    def _collocated(self, start: Orbit | SpecialPoint, name: str) -> Walked:
+    def _astray(self, orbits: Sequence[Orbit]) -> bool:
+        """Tell whether the first of the cycles, near the value, are not resolved."""
+        k = next((i for i, o in enumerate(orbits) if o.tail <= UNRESOLVED), 0)
+        values, room = [o.parameters[self.parameter] for o in orbits[: k + 1]], BESIDE * (self.span[1] - self.span[0])
+        return bool(k) and min(values) - room <= self.value <= max(values) + room
+
+    def _collocated(self, start: Orbit | SpecialPoint, name: str, before: Orbit | None = None) -> Walked:
+        """Follow the branch of a cycle by collocation, in both directions or away from the cycle before it."""
         if isinstance(start, Orbit) and (turns := _turns(start)) > MOST_TURNS:
             raise ConvergenceError(f"it goes round {turns} times in a period, in which there may be many more like it")
-        equations = Collocation().equations(self.system)
-        followed = followed_from(equations, start, self.parameter, self.span, max_points=MOST_COLLOCATED)
-        branch = branch_of(followed, self.system, start, stability=False)
-        cycles = [cycle.orbit() for _, cycle in followed.crossings(self.value)]
-        said = extent(f"{name}, by collocation,", branch.values, branch.ends)
-        return Walked(said, complete(branch), cycles, lambda: collocated_forks(followed, self.system))
+        equations = Collocation(tolerance=COARSELY).equations(self.system)
+        most = MOST_COLLOCATED if before is None else MOST_BEYOND
+        limits: dict[str, Any] = {"max_points": most, "work": WORK / self.system.n_states}
+        followed = followed_from(equations, start, self.parameter, self.span, before=before, **limits)
+        met = [cycle for _, cycle in followed.crossings(self.value)]
+        cycles = [(solved(self.system, cycle) or cycle).orbit() for cycle in met]
+        said = extent(f"{name}, by collocation,", followed.values, followed.ends)
+        points = list(followed.points())
+        ends = zip(followed.ends, (points[0], points[-1]), strict=True)
+        small = tuple(judged(*point).orbit() for end, point in ends if end.kind == "vanishes")
+        whole = all(end.complete for end in followed.ends)
+        return Walked(said, whole, cycles, lambda: collocated_forks(followed, self.system), small)
 
 
 def _turns(orbit: Orbit) -> int:

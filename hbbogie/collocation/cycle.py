@@ -174,3 +174,23 @@ def cycle_of(
         naming=system.naming,
         advance=advance,
     )
+
+
+def cycle_again(system: System, orbit: Orbit) -> CollocatedCycle:
+    """Return an orbit that collocation has given, on its own mesh; not solved for yet.
+
+    Parameters
+    ----------
+    system : System
+    orbit : Orbit
+        Whose ``motion`` is a piecewise polynomial.
+    """
+    motion = orbit.motion
+    assert isinstance(motion, PiecewisePolynomial)
+    values = motion.values.copy()
+    if orbit.advance:
+        by = np.array(orbit.advance)
+        values[..., : system.n] += points_of(motion.mesh, motion.degree)[..., None] * by
+        values[..., system.n :] += by[list(system.second_order)] / (2 * np.pi)
+    values[..., system.n :] *= orbit.omega
+    return cycle_of(system, motion.mesh, values, orbit.period, dict(orbit.parameters), orbit.advance)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +71,29 @@ class Rates:
             buffer.set_res(i, values.data)
         evaluate()
         return f, A.swapaxes(1, 2), slope
+
+    def of_one(self, p: Array) -> Callable[[Array], tuple[Array, Array]]:
+        """Return f and its derivative in the state as a function of one state, for an integrator that calls it often.
+
+        Parameters
+        ----------
+        p : ndarray, shape (number of parameters,)
+        """
+        n = self.system.n_states
+        function = self.system.once(("rates", self.place, 1), lambda: _mapped(self.system, self.place, 1, False))
+        buffer, evaluate = function.buffer()
+        arguments, results = (np.empty(n), np.array(p, dtype=float)), (np.empty(n), np.empty((n, n)), np.empty(n))
+        for i, values in enumerate(arguments):
+            buffer.set_arg(i, values.data)
+        for i, values in enumerate(results):
+            buffer.set_res(i, values.data)
+
+        def rates(x: Array, kept: object = buffer) -> tuple[Array, Array]:  # which ``evaluate`` does not keep itself
+            arguments[0][:] = x
+            evaluate()
+            return results[0].copy(), results[1].T.copy()
+
+        return rates
 
     def sides(self, x: Array, p: Array) -> Array | None:
         """Return where the ramps of piecewise-linear laws act, shape (K, number of ramps); None where there are none.

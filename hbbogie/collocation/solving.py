@@ -212,6 +212,7 @@ def collocated(
     *,
     degree: int = 4,
     intervals: int | None = None,
+    most: int = MOST,
     tolerance: float = 1e-9,
     stability: bool = True,
 ) -> CollocatedCycle:
@@ -225,6 +226,8 @@ def collocated(
     degree : int
     intervals : int, optional
         Their number; where left out as many as the tolerance takes.
+    most : int
+        Largest number of intervals that is tried.
     tolerance : float
         Largest error of the period and of the states where intervals begin, both relative.
     stability : bool
@@ -246,7 +249,7 @@ def collocated(
     check_guess(system, guess)
     rates, solved, before = Rates(system), None, None
     N, failure, estimate = intervals or FIRST, "", np.inf
-    while max(MOST, intervals or 0) >= N:
+    while max(most, intervals or 0) >= N:
         try:
             equations, u = adapted(*solved, N) if solved else on_mesh(rates, guess.on(N, degree))
             before = equations.size if before is None else before
@@ -267,7 +270,7 @@ def collocated(
         N *= 2
     else:
         raise ConvergenceError(
-            f"{MOST} intervals of degree {degree} do not resolve the cycle to {tolerance:g}, the estimate is "
+            f"{most} intervals of degree {degree} do not resolve the cycle to {tolerance:g}, the estimate is "
             f"{estimate:.2g}; give a larger tolerance."
             if np.isfinite(estimate)
             else failure
@@ -287,7 +290,9 @@ def collocated(
             float(np.exp(u[-2])) / times,
             dict(guess.parameters),
         )
-        return collocated(system, once, degree=degree, intervals=intervals, tolerance=tolerance, stability=stability)
+        return collocated(
+            system, once, degree=degree, intervals=intervals, most=most, tolerance=tolerance, stability=stability
+        )
     judge = (spectrum_of(line), spectrum_of(finer), finer.transitions) if stability else None
     return finished(equations, u, _size(line), errors, judge, line.reduced is not None and line.reduced.family)
 

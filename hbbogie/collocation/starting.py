@@ -138,33 +138,34 @@ def from_motion(system: System, x: ArrayLike) -> Sampled:
         When an element jumps, or the state is not one of the system.
     """
     p, rates, x = system.vector(), Rates(system), _state(system, x)
+    one = rates.of_one(p)
     size = np.maximum(np.abs(x), 1e-6 * max(float(np.abs(x).max()), 1e-300))
 
     run = LSODA(
-        lambda _, y: rates(y[None], p)[0][0],
+        lambda _, y: one(y)[0],
         0.0,
         x,
         np.inf,
         rtol=ACCURACY,
         atol=1e-3 * ACCURACY * size,
-        jac=lambda _, y: rates(y[None], p)[1][0],
+        jac=lambda _, y: one(y)[1],
     )
     t, y, slopes = [0.0], [x], np.empty((0, len(x)))
     for _ in range(CHUNKS):
-        for _ in range(CHUNK):
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # it is told by the status
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it is told by the status
+            for _ in range(CHUNK):
+                try:
                     run.step()
-            except (RuntimeError, ValueError) as error:
-                raise _lost(system, f"the integration failed at t = {run.t:g} s, {error}") from error
-            if run.status == "finished":  # the steps have grown without limit
-                raise _lost(system, f"the motion comes to rest at t = {t[-1]:g} s")
-            if run.status == "failed" or not np.isfinite(run.y).all():
-                raise _lost(system, f"the motion left every bound at t = {run.t:g} s")
-            if run.t > t[-1]:
-                t.append(run.t)
-                y.append(run.y.copy())
+                except (RuntimeError, ValueError) as error:
+                    raise _lost(system, f"the integration failed at t = {run.t:g} s, {error}") from error
+                if run.status == "finished":  # the steps have grown without limit
+                    raise _lost(system, f"the motion comes to rest at t = {t[-1]:g} s")
+                if run.status == "failed" or not np.isfinite(run.y).all():
+                    raise _lost(system, f"the motion left every bound at t = {run.t:g} s")
+                if run.t > t[-1]:
+                    t.append(run.t)
+                    y.append(run.y.copy())
         T, X = np.array(t), np.array(y)
         late = X[len(X) // 2 :]
         if (np.ptp(late, axis=0) <= REST * np.abs(late).max(axis=0)).all():

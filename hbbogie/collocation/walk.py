@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.collocation.adaption import Placed, adapted_to, curve_at, error_at, located_between, refined
+from hbbogie.collocation.adaption import adapted_to, curve_at, error_at, refined
+from hbbogie.collocation.crossings import away_from, crossings_of, off, reaches
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.logarithms import positive_coordinates
@@ -28,6 +29,7 @@ from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 FEW = 5  # points between two adaptions of the mesh
+LEAST = 4  # points of a stretch that is tried
 SLACK = 10.0  # by which the error may exceed the tolerance between two adaptions
 COARSEST = 1e3  # error of a first point that is round-off, as of a small cycle about a large mean, and not a wrong one
 SHORTEST = 1e-5  # step that is not shortened any more for contacts that change
@@ -106,9 +108,11 @@ class Followed:
 
     def crossings(self, value: float) -> Iterator[tuple[int, CollocatedCycle]]:
         """Yield the cycles at a value of the parameter, each with the number of folds before it."""
+        if not any(reaches(stretch.curve, stretch.points, value) for stretch in self.stretches):
+            return
         folds = self.special(("fold",))
         if self.kinked:
-            yield from _crossings(list(self.points()), folds, value)
+            yield from crossings_of(list(self.points()), folds, value)
             return
         first = part = 0
         for stretch in self.stretches:
@@ -117,7 +121,7 @@ class Followed:
                 for i, (here, there) in enumerate(pairwise([a, *inside, b])):
                     part += i > 0
                     low, high = sorted((here.u[-1], there.u[-1]))
-                    if low <= value < high and (met := located(stretch.curve, here, there, partial(_off, value))):
+                    if low <= value < high and (met := located(stretch.curve, here, there, partial(off, value))):
                         yield part, judged(stretch.curve, met[0])
             first += len(stretch.points) - 1
 
@@ -129,11 +133,13 @@ def follow(
     interval: tuple[float, float],
     *,
     grows: bool = False,
+    before: Sampled | None = None,
     degree: int = 4,
     tolerance: float = 1e-9,
     step: float = 0.05,
     longest: float = 0.5,
     most: int = 400,
+    work: float = np.inf,
     progress: Callable[[float], None] | None = None,
 ) -> Followed:
     """Follow a branch of cycles over a parameter in both directions.
@@ -148,6 +154,8 @@ def follow(
     grows : bool
         Whether the branch begins at the guess, a small cycle, and is followed only towards larger ones; the parameter
         is then free from the first.
+    before : Sampled, optional
+        A cycle of the branch next to the guess, in the same phase, away from which only it is followed.
     degree : int
     tolerance : float
         Estimated error of the period, and of the states where intervals begin, at which the mesh is kept.
@@ -155,6 +163,8 @@ def follow(
         First and longest step in scaled arclength.
     most : int
         Largest number of points.
+    work : float
+        Largest number of their intervals, all together, in one direction.
     progress : callable, optional
         Called with the value of the parameter.
 
@@ -172,10 +182,13 @@ def follow(
     interval = check_interval(rates.system, rates.parameter, pair(f"interval of {rates.parameter!r}", interval))
     check_start(rates.parameter, guess.parameters[rates.parameter], interval)
     curve, first = _first(guess, rates, interval, degree, tolerance, grows)
-    options = {"step": step, "longest": longest, "most": most, "progress": progress}
+    options = {"step": step, "longest": longest, "most": most, "work": work, "progress": progress}
+    if before is not None:
+        first = away_from(curve, first, before)
     ahead, end = _walk(curve, first, tolerance, **options)  # type: ignore[arg-type]
-    if grows:
-        return Followed(ahead, 0, (Ending("began", "began here, with a small cycle"), end), tolerance)
+    if grows or before is not None:
+        what = "began here, with a small cycle" if grows else "began here"
+        return Followed(ahead, 0, (Ending("began", what), end), tolerance)
     if end.kind == "closed":
         return Followed(ahead, 0, (end, end), tolerance)
     back, beginning = _walk(curve, first.turned(), tolerance, **options)  # type: ignore[arg-type]
@@ -218,6 +231,7 @@ def _walk(
     step: float,
     longest: float,
     most: int,
+    work: float,
     progress: Callable[[float], None] | None,
 ) -> tuple[list[Stretch], Ending]:
     """Follow a branch in one direction, in stretches of a few points."""
@@ -225,7 +239,7 @@ def _walk(
     start, length, count = _signature(curve, first), step, 0
     second: Array | None = None
     kinked = curve.equations.rates.kinked
-    few = 2 if kinked else FEW + 1
+    few = most_few = 2 if kinked else FEW + 1
 
     def say(point: Point) -> None:
         if progress:
@@ -238,6 +252,8 @@ def _walk(
             points, end = walk(curve, first, step=length, longest=longest, most=few, progress=say)
         while len(points) > 2 and error_at(curve, points[-1]) > SLACK * tolerance:  # the mesh is no longer right
             points, end = points[: len(points) // 2 + 1], Ending("points")
+            few = max(len(points), LEAST) - 1
+        few = min(few + 1, most_few)  # as many as the mesh was right for, and one more
         over, there, growth = end.kind not in ("points", "stuck") or len(points) == 1, None, 1.0
         if kinked and len(points) > 1:
             there = _settled(curve, points, end, tolerance)
@@ -247,7 +263,7 @@ def _walk(
                 continue
             growth = 1.5 if moved < 0.2 * NEAR else 1.0
         stretches.append(Stretch(curve, points))
-        count += len(points) - 1
+        count, work = count + len(points) - 1, work - curve.equations.N * (len(points) - 1)
         if over:
             stretches += [Stretch(there[0], [there[1]])] if there else []
             return stretches, _said(curve, points[-1], end)
@@ -255,8 +271,8 @@ def _walk(
         second = marks[1] if second is None else second
         if count > 10 and _closes(start, second, marks, curve.largest):
             return stretches, Ending("closed", "the branch closes on itself")
-        if count >= most:
-            return stretches, Ending("points", f"the largest number of points, {most}, was reached")
+        if count >= most or work <= 0:
+            return stretches, Ending("points", f"the largest number of points, {min(count, most)}, was reached")
         if _family([(s.curve, point) for s in stretches[-PATIENCE:] for point in s.points[1:]]):
             what = f"{curve.where(points[-1].u)} does not vary along the branch: a family of cycles"
             return stretches, Ending("family", f"{what}, as of a conservative or a linear system")
@@ -291,26 +307,6 @@ def _family(points: list[tuple[OnMeshCurve, Point]]) -> bool:
     if len(last) < PATIENCE or any(abs(point.tangent[-1]) > FLAT for _, point in last):
         return False
     return all(np.abs(curve.spectrum(point).others - 1).min(initial=np.inf) < MEMBER for curve, point in last)
-
-
-def _crossings(points: list[Placed], folds: list[Special], value: float) -> Iterator[tuple[int, CollocatedCycle]]:
-    """Yield the cycles at a value of the parameter among points on their own meshes; see `Followed.crossings`."""
-    part = 0
-    for k, (a, b) in enumerate(pairwise(points)):
-        inside = [(fold.curve, fold.point) for fold in folds if fold.place == k]
-        for i, (here, there) in enumerate(pairwise([a, *inside, b])):
-            part += i > 0
-            low, high = sorted((here[1].u[-1], there[1].u[-1]))
-            if low <= value < high:
-                yield part, judged(*located_between(here, there, partial(_beyond, value))[0])
-
-
-def _beyond(value: float, curve: OnMeshCurve, point: Point) -> float:
-    return _off(value, point)
-
-
-def _off(value: float, point: Point) -> float:
-    return float(point.u[-1]) - value
 
 
 def _said(curve: OnMeshCurve, point: Point, end: Ending) -> Ending:

@@ -180,15 +180,19 @@ def _advance(system: System, method: str, tolerance: float, size: int, x: Array,
         ) from error
 
 
-def states_after(system: System, x: Array, p: Array, h: float, count: int, tolerance: float) -> Array:
-    """Return the states after 1, 2, ... count steps of h [s] by CVODES, shape (count, n_states).
+def states_after(
+    system: System, x: Array, p: Array, h: float, count: int, tolerance: float, most: int = BRIEF
+) -> Array:
+    """Return the states after 1, 2, ... count samples at a distance of h [s] by CVODES, shape (count, n_states).
+
+    Between two samples it takes ``most`` steps.
 
     Raises
     ------
     ConvergenceError
         When the integration gives up.
     """
-    run = system.once(("brief", tolerance, count), lambda: _cvodes(system, tolerance, count, BRIEF))
+    run = system.once(("brief", tolerance, count, most), lambda: _cvodes(system, tolerance, count, most))
     try:
         return np.asarray(run(x0=x, p=np.r_[h, p])["xf"].full().T)
     except RuntimeError as error:

@@ -16,7 +16,7 @@ class Ending:
         "contact" (the motion no longer reaches one), "onset" (a curve of folds meets one of Hopf points), "family" (the
         parameter does not vary), "homoclinic" (the period grows without limit), "began" (nothing lies before), "shown"
         (there is more), "stuck", "beyond" (an unknown has left every scale), "points" (as many as were asked for),
-        "limit" (the time allowed is over); empty where it is not known.
+        "unresolved" (by the harmonics), "limit" (the time allowed is over); empty where it is not known.
     what : str
         What happened, a sentence without its full stop.
     advice : str
@@ -30,7 +30,7 @@ class Ending:
     @property
     def complete(self) -> bool:
         """Whether it is the end of what there was to follow: what lies beyond was not lost."""
-        return self.kind not in ("stuck", "points", "limit", "")
+        return self.kind not in ("stuck", "points", "unresolved", "limit", "")
 
     def __str__(self) -> str:
         return f"{self.what}; {self.advice}" if self.advice else self.what

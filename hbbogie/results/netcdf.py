@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, as_path
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 T = TypeVar("T")
 

@@ -66,7 +66,7 @@ class TestAroundFolds:
         def refuse(*_, **__):
             raise hb.ConvergenceError("no way on")
 
-        for name in ("trace", "followed_from"):
+        for name in ("balanced_trace", "followed_from"):
             monkeypatch.setattr(f"hbbogie.branches.walks.{name}", refuse)
         found = hb.find_cycles(pair(0.04), mu=0.04, interval=(-0.1, 0.1))
         assert len(found) == 1 and not found.complete
@@ -162,3 +162,40 @@ def test_equilibria_within_wide_bounds():
     assert sorted({round(float(b.orbits[0].coefficients[0, 0]), 6) for b in found}) == [0.0, 0.2, 1.0]
     (hopf,) = (s for b in found for s in b.special if s.kind == "hopf")
     assert hopf.value == pytest.approx(0.6, rel=1e-11)
+
+
+class TestWhereHarmonicsEnd:
+    def test_collocation_goes_on_and_a_branch_between_two_hopf_points_is_followed_once(self):
+        """FitzHugh-Nagumo: canards between Hopf points 0.331281 and 1.418719, each with a fold of cycles near by.
+
+        The fold at I = 0.3241785225 and the period at 0.5 are those of collocation with 400 intervals; the cubic is
+        odd about I = 0.875.
+        """
+        v, w, current = C("v"), C("w"), P("I", 0.5)
+        system = hb.System(
+            "FitzHugh-Nagumo",
+            [v, w],
+            [current],
+            [v.dot - (v - v**3 / 3 - w + current), w.dot - 0.08 * (v + 0.7 - 0.8 * w)],
+        )
+        found = hb.find_cycles(system, I=0.5)
+        assert listed(found) == [(pytest.approx(39.474415, abs=5e-7), "stable")]
+        said = "\n".join(found.evidence)
+        assert (
+            "no longer resolve the cycles" in said and "by collocation, was followed from 0.324179 to 1.42582" in said
+        )
+        assert "I = 1.41871866 is one that was followed and ends there" in said
+
+    @pytest.mark.parametrize(
+        ("rate", "start", "end"),
+        [
+            (lambda x: x**2, 1.0, "left every bound"),
+            (lambda x: -1 / (1 + x), 0.0, "ended where the equations are singular"),
+        ],
+    )
+    def test_motions_that_end_in_finite_time(self, rate, start, end):
+        """x' = x^2 from 1 is 1 / (1 - t); x' = -1 / (1 + x) from 0 is the root of 1 - 2 t, less 1."""
+        x, y, p = C("x"), C("y"), P("p", 0.0)
+        system = hb.System("finite", [x, y], [p], [x.dot - rate(x) - p, y.dot + y])
+        none = hb.find_cycles(system, p=0.0, start=[start, 0.1], backwards=False)
+        assert none == [] and none.evidence[-1] == f"1 motions: 1 {end}"
