@@ -247,7 +247,7 @@ def test_equal_sides_given_twice_are_one_pair():
 
 
 def test_a_smaller_left_wheel_adds_to_the_radius_difference():
-    """On cones of slope g the difference of the radii counts, with the roll that it makes as in `test_cones_on_round_rails`.
+    """On cones the difference of the radii counts, with the roll that it makes as in `test_cones_on_round_rails`.
 
     The head of a UIC60 rail has the radius 300 mm where it touches.
     """
