@@ -99,11 +99,9 @@ def contact_geometry(
         lowering += (side.rail.height(on_rail) - Z[at] - side.rail.z.min()) / 2
         angle = np.arctan(-side.wheel.slope(S[at])) - p[at]
         found.append((side.radius + side.wheel.height(S[at]), angle, S[at], on_rail))
-    names = [
-        "/".join(dict.fromkeys(profile.name for profile in own))
-        for own in zip(*(s.profiles for s in sides), strict=True)
-    ]
-    return ContactGeometry(*names, y, roll, lowering, *(x for own in zip(*found, strict=True) for x in own))
+    names = ["/".join(dict.fromkeys(x.name for x in own)) for own in zip(*(s.profiles for s in sides), strict=True)]
+    sides_of = [x for own in zip(*found, strict=True) for x in own]  # right and left radius, angle, ...
+    return ContactGeometry(names[0], names[1], y, roll, lowering, *sides_of)
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,15 +66,14 @@ def conicity_of(
         raise ModelError(f"step {step:g} mm is more than the largest shift, {largest:g} mm; give a smaller one.")
     reading = partial(read_rail, mirrored=mirrored)
     on_wheel, on_rail = _profile(wheel, SHIPPED_WHEELS, read_wheel), _profile(rail, SHIPPED_RAILS, reading)
-    left = {
-        "left_wheel": _profile(left_wheel, SHIPPED_WHEELS, read_wheel) if left_wheel else None,
-        "left_rail": _profile(left_rail, SHIPPED_RAILS, reading) if left_rail else None,
-    }
+    other_wheel = _profile(left_wheel, SHIPPED_WHEELS, read_wheel) if left_wheel else None
+    other_rail = _profile(left_rail, SHIPPED_RAILS, reading) if left_rail else None
     half = int(np.floor(largest / step + 1e-9))
     shift = step * np.arange(-half, half + 1)
     found = contact_geometry(
-        on_wheel, on_rail, shift, gauge=gauge, back_to_back=back_to_back, radius=radius, left_radius=left_radius, **left
-    )
+        on_wheel, on_rail, shift, gauge=gauge, back_to_back=back_to_back, radius=radius,
+        left_wheel=other_wheel, left_rail=other_rail, left_radius=left_radius,
+    )  # fmt: skip
     shown = equivalent_conicity(shift, found.radius_difference, list(amplitudes))
     fine = np.arange(round(min(amplitudes) / FINE), round(max(amplitudes) / FINE) + 1) * FINE
     curve = equivalent_conicity(shift, found.radius_difference, fine[fine > 0] if len(fine) > 1 else list(amplitudes))
