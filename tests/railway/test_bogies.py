@@ -214,6 +214,7 @@ def test_kaas_petersen_asymmetric_cycle_without_flange():
     assert cycle.omega == pytest.approx(known["omega"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_kaas_petersen_asymmetric_attractor_is_found():
     """At 110 m/s a pitchfork has left an asymmetric attractor, and its mirror image, beside the symmetric one."""
     found = [cycle for cycle in hb.find_cycles(KAAS.bogie(), V=110.0) if cycle.verdict == "stable"]

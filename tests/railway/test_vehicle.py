@@ -37,6 +37,11 @@ def test_hopf_points(case):
         assert hopf.omega == pytest.approx(omega, rel=1e-9)
 
 
+def test_parameters_of_outputs_are_not_inactive():
+    """The wheel load enters Y/Q only."""
+    assert VEHICLE.vehicle().inactive_parameters == ()
+
+
 def test_failed_yaw_dampers_are_none():
     values = [
         [h.value for h in hb.hopf_points(VEHICLE.vehicle(**made), "V", (60.0, 90.0))]
