@@ -26,11 +26,12 @@ from typing import Any
 
 import numpy as np
 
-from hbbogie import Coordinate, Element, Parameter, System
-from hbbogie.model import DeadBand, Tabulated
+from hbbogie import Coordinate, Element, ModelError, Parameter, System
+from hbbogie.model import DeadBand, Spline, Tabulated
 from hbbogie.railway import Polach, contact_geometry, hertz_ellipse, kalker_coefficients, s1002, uic60
 
 POSITIVE, ANY_SIGN = (1e-12, 1e15), (0.0, 1e15)
+SMOOTHING = 1e-11  # m3, of the spline through the radius differences, which have a step
 
 
 def wheelset(**parameters: float) -> System:
@@ -54,15 +55,18 @@ def wheelset(**parameters: float) -> System:
     return system.with_parameters(**parameters)
 
 
-def wheelset_on_profiles(**parameters: float) -> System:
+def wheelset_on_profiles(difference: str = "lines", **parameters: float) -> System:
     """Return the wheelset with wheels S1002 on rails UIC60 and the creep law of Polach.
 
-    The rolling radius difference is that of rigid contact, straight lines between shifts of 0.5 mm up to 5.5 mm. The
-    flange takes over there. There is no published cycle of this variant. Polach's law has no derivative at rest, so
-    that this wheelset has no Hopf point in the ordinary sense: its cycles are found from motions.
+    The rolling radius difference is that of rigid contact at shifts every 0.5 mm up to 5.5 mm. The flange takes over
+    there. There is no published cycle of this variant. Polach's law has no derivative at rest, so that this wheelset
+    has no Hopf point in the ordinary sense: its cycles are found from motions.
 
     Parameters
     ----------
+    difference : {"lines", "spline"}
+        How the rolling radius difference runs between the shifts: in straight lines whose kinks are located, or as a
+        smoothed spline, which is twice differentiable.
     **parameters : float
         Parameter values that replace the defaults, by name, in the units listed above; Q [N] wheel load and mu [1]
         coefficient of friction take the place of lam, f11 and f22.
@@ -71,8 +75,11 @@ def wheelset_on_profiles(**parameters: float) -> System:
     Q = Parameter("Q", 54.5e3, "N", "wheel load", POSITIVE)
     mu = Parameter("mu", 0.3, "1", "coefficient of friction", POSITIVE)
     shift = np.linspace(-5.5, 5.5, 23)  # mm
-    difference = 1e-3 * contact_geometry(s1002(), uic60(), shift).radius_difference  # m
-    rolling = Element("radius difference", Tabulated((1e-3 * shift).tolist(), difference.tolist()), y)
+    table = (1e-3 * shift).tolist(), (1e-3 * contact_geometry(s1002(), uic60(), shift).radius_difference).tolist()  # m
+    laws = {"lines": Tabulated(*table), "spline": Spline(*table, smoothing=SMOOTHING)}
+    if difference not in laws:
+        raise ModelError(f"wheelset_on_profiles: difference = {difference!r}; give one of {', '.join(laws)}.")
+    rolling = Element("radius difference", laws[difference], y)
     ellipse = hertz_ellipse(54.5e3, wheel_radius=0.46, rail_radius=0.3)
     c11, c22, c23, _ = kalker_coefficients(ellipse.a / ellipse.b)
     creep = Polach(ellipse.a, ellipse.b, ellipse.shear, c11, c22, c23, load=Q, friction=mu)

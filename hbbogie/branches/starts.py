@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.relatives import ODD
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
@@ -24,7 +25,6 @@ STATES = 24  # random states times states of the system
 NEWTON = 20
 LONGEST = 100  # periods in which a motion leaves a cycle
 TOLERANCE = 1e-7  # of its integration
-ODD = 1e-6  # even harmonics, relative to the largest, of a symmetric cycle
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from hbbogie.commandline.application import AsJson, MaybeOutput, command, writte
     "hbbogie conicity s1002 uic60",
     "hbbogie conicity worn_wheel.txt uic60 --gauge 1433 --output out",
     "hbbogie conicity s1002 rail.csv --mirror-rail --amplitudes 1,3,5 --json",
+    "hbbogie conicity right_wheel.txt uic60 --left-wheel left_wheel.txt --left-radius 459.6",
 )
 def conicity(
     wheel: Annotated[str, typer.Argument(metavar="WHEEL", help="s1002, or a text file of two columns, y and z in mm.")],
@@ -25,6 +26,15 @@ def conicity(
     gauge: Annotated[float, typer.Option(help="Track gauge in mm.")] = 1435.0,
     back_to_back: Annotated[float, typer.Option(help="Distance of the backs of the flanges in mm.")] = 1360.0,
     radius: Annotated[float, typer.Option(help="Wheel radius at the rolling circle in mm.")] = 460.0,
+    left_wheel: Annotated[
+        str | None, typer.Option(metavar="WHEEL", help="Profile of the left wheel, where it is another one.")
+    ] = None,
+    left_rail: Annotated[
+        str | None, typer.Option(metavar="RAIL", help="Profile of the left rail, where it is another one.")
+    ] = None,
+    left_radius: Annotated[
+        float | None, typer.Option(metavar="RADIUS", help="Radius of the left wheel in mm, where it is another one.")
+    ] = None,
     mirror_rail: Annotated[
         bool, typer.Option("--mirror-rail", help="The gauge face is at y > 0 in the file of the rail.")
     ] = False,
@@ -50,6 +60,9 @@ def conicity(
             back_to_back=back_to_back,
             radius=radius,
             mirrored=mirror_rail,
+            left_wheel=left_wheel,
+            left_rail=left_rail,
+            left_radius=left_radius,
         )
         files = written(found, output, progress)
     deliver(found, files, as_json)

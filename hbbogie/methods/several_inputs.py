@@ -20,8 +20,8 @@ def first_harmonics(force: Callable[..., Any], *inputs: complex) -> NDArray[np.c
     This is the describing function of a law with several inputs. The input c cos(tau) + s sin(tau) is given as the
     complex amplitude c - i s, and forces are returned likewise. A force over an input is an equivalent coefficient:
     ``-Fx / xi`` is the longitudinal creep coefficient of a creep law at these amplitudes. It has an imaginary part
-    where the phases of the inputs differ by other than a quarter of a period. `DescribingFunction` and the method "df1"
-    of `compare` take all nonlinear forces in this way.
+    where the phases of the inputs differ by other than a quarter of a period. `DescribingFunction` and the method
+    "df1" of `compare` take all nonlinear forces in this way.
 
     Parameters
     ----------

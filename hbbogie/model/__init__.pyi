@@ -23,6 +23,7 @@ from .removable import quotient as quotient
 from .singular import poles as poles
 from .singular import singular_terms as singular_terms
 from .singular import without_poles as without_poles
+from .spline import Spline as Spline
 from .symbols import Coordinate as Coordinate
 from .symbols import Parameter as Parameter
 from .system import System as System

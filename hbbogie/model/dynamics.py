@@ -106,6 +106,16 @@ class Dynamics:
         """Function (q, v, p) -> y, shape (number of outputs,): the outputs, with the accelerations of the motion."""
         return self.once("measure", lambda: _measure(self))
 
+    def measure_of(self, place: int) -> ca.Function:
+        """Return (q, v, p) -> one output, without what only the others need."""
+
+        def build() -> ca.Function:
+            sx = self.measure.sx_in()
+            return ca.Function("measure_of", sx, [self.measure(*sx)[place]])
+
+        found: ca.Function = self.once(("measure", place), build)
+        return found
+
     @property
     def linear(self) -> tuple[ca.Function, ca.Function, ca.Function]:
         """Mass, damping and stiffness matrices at rest, functions of the parameter vector."""

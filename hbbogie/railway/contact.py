@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,15 +30,19 @@ def contact_geometry(
     yaw: ArrayLike = 0.0,
     flange_to_rolling_circle: float = 70.0,
     gauge_height: float = 14.0,
+    left_wheel: Profile | None = None,
+    left_rail: Profile | None = None,
+    left_radius: float | None = None,
 ) -> ContactGeometry:
     """Return where a rigid wheelset touches rigid rails.
 
-    Both wheels have one profile, and so have both rails. At each lateral shift the wheelset rolls until both wheels
-    touch, each at the point where its gap to the rail is smallest.
+    At each lateral shift the wheelset rolls until both wheels touch, each at the point where its gap to the rail is
+    smallest. The left side is the mirror image of the right one unless it is given its own, as for measured profiles.
 
     Parameters
     ----------
     wheel, rail : Profile
+        Of both sides, or of the right one.
     shift : array_like, shape (n,), mm
         Lateral position of the wheelset, positive to the right.
     gauge : float, mm
@@ -52,6 +57,10 @@ def contact_geometry(
         Distance of the rolling circle from the back of the flange.
     gauge_height : float, mm
         How far below the top of the rail the gauge is measured.
+    left_wheel, left_rail : Profile, optional
+        Of the left side, written like those of the right one: flange and gauge face at y < 0.
+    left_radius : float, optional, mm
+        Radius of the left wheel at its rolling circle, where it differs.
 
     Raises
     ------
@@ -66,27 +75,33 @@ def contact_geometry(
     [0.0, 0.8, 4.68]
     """
     lengths = {"gauge": gauge, "back_to_back": back_to_back, "radius": radius, "gauge_height": gauge_height}
-    for name, value in lengths.items():
+    left_radius = radius if left_radius is None else left_radius
+    for name, value in {**lengths, "left_radius": left_radius}.items():
         positive(name, value, "mm")
     y = np.atleast_1d(np.asarray(shift, dtype=float))
     if y.ndim != 1 or not np.isfinite(y).all():
         raise ModelError(f"shift: got an array of shape {y.shape}; give finite numbers in mm, in one list.")
     psi = np.broadcast_to(np.asarray(yaw, dtype=float), y.shape)
-    offset = gauge / 2 - _gauge_face(rail, gauge_height)
-    pair = _Pair(wheel, rail, back_to_back / 2 + flange_to_rolling_circle, offset, radius)
+    half = back_to_back / 2 + flange_to_rolling_circle
+    sides = [
+        _Pair(w, r, half, gauge / 2 - _gauge_face(r, gauge_height), own, radius)
+        for w, r, own in ((wheel, rail, radius), (left_wheel or wheel, left_rail or rail, left_radius))
+    ]
     # the left wheel is a right wheel in the mirror
     both, yawed = np.concatenate([y, -y]), np.concatenate([psi, psi])
+    pair = sides[0] if sides[0].same_as(sides[1]) else _Sides(*sides)
     roll, S = _equal_gaps(pair, both, yawed)
     n, p = len(y), np.concatenate([roll, -roll])
     Y, Z = pair.place(S, both, p, yawed)
-    angle, on_rail = np.arctan(-wheel.slope(S)) - p, Y - offset
-    gap = rail.height(on_rail) - Z
-    r = radius + wheel.height(S)
-    right, left = slice(n), slice(n, None)
-    return ContactGeometry(
-        wheel.name, rail.name, y, roll, (gap[right] + gap[left]) / 2 - rail.z.min(), r[right], r[left], angle[right],
-        angle[left], S[right], S[left], on_rail[right], on_rail[left],
-    )  # fmt: skip
+    found, lowering = [], np.zeros(n)
+    for side, at in zip(sides, (slice(n), slice(n, None)), strict=True):
+        on_rail = Y[at] - side.offset
+        lowering += (side.rail.height(on_rail) - Z[at] - side.rail.z.min()) / 2
+        angle = np.arctan(-side.wheel.slope(S[at])) - p[at]
+        found.append((side.radius + side.wheel.height(S[at]), angle, S[at], on_rail))
+    names = ["/".join(dict.fromkeys(x.name for x in own)) for own in zip(*(s.profiles for s in sides), strict=True)]
+    sides_of = [x for own in zip(*found, strict=True) for x in own]  # right and left radius, angle, ...
+    return ContactGeometry(names[0], names[1], y, roll, lowering, *sides_of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +116,8 @@ class _Pair:
     offset : float
         Position of the rail's origin from the middle of the track.
     radius : float
+    level : float
+        Height of the axle above the rail tops from which the gap is measured, one for both sides.
     """
 
     wheel: Profile
@@ -108,11 +125,21 @@ class _Pair:
     half: float
     offset: float
     radius: float
+    level: float
+
+    @property
+    def profiles(self) -> tuple[Profile, Profile]:
+        """Wheel and rail."""
+        return self.wheel, self.rail
+
+    def same_as(self, other: _Pair) -> bool:
+        """Tell whether the other side has the same profiles and radius."""
+        return self.profiles == other.profiles and self.radius == other.radius
 
     def place(self, S: Array, y: Array, p: Array, psi: Array) -> tuple[Array, Array]:
         """Return position and height of points of the wheel, at shifts y, rolls p and yaw angles psi."""
         across, down = self._turned(S, psi)
-        return across * np.cos(p) - down * np.sin(p) + y, down * np.cos(p) + across * np.sin(p) - self.radius
+        return across * np.cos(p) - down * np.sin(p) + y, down * np.cos(p) + across * np.sin(p) - self.level
 
     def _turned(self, S: Array, psi: Array) -> tuple[Array, Array]:
         """Return where the lowest line of the yawed wheel passes its points, from the middle of the axle."""
@@ -164,7 +191,38 @@ class _Pair:
         return (low + high) / 2
 
 
-def _equal_gaps(pair: _Pair, y: Array, psi: Array) -> tuple[Array, Array]:
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """A wheelset whose sides differ: what `_Pair` answers, the first half of the rows for the right side."""
+
+    right: _Pair
+    left: _Pair
+
+    def _both(self, ask: str, *rows: Array) -> list[Any]:
+        k = len(rows[0]) // 2
+        return [
+            getattr(p, ask)(*(r[at] for r in rows)) for p, at in ((self.right, slice(k)), (self.left, slice(k, None)))
+        ]
+
+    def place(self, S: Array, y: Array, p: Array, psi: Array) -> tuple[Array, Array]:
+        """Return position and height of points of the wheels, see `_Pair`."""
+        right, left = self._both("place", S, y, p, psi)
+        return np.concatenate([right[0], left[0]]), np.concatenate([right[1], left[1]])
+
+    def gap(self, S: Array, y: Array, p: Array, psi: Array) -> Array:
+        """Return the height of the wheels' points above the rails, see `_Pair`."""
+        return np.concatenate(self._both("gap", S, y, p, psi))
+
+    def gap_per_roll(self, S: Array, y: Array, p: Array, psi: Array) -> Array:
+        """Return the derivative of the gap with respect to the roll, see `_Pair`."""
+        return np.concatenate(self._both("gap_per_roll", S, y, p, psi))
+
+    def closest(self, y: Array, p: Array, psi: Array) -> Array:
+        """Return the points of the wheels that are closest to the rails, see `_Pair`."""
+        return np.concatenate(self._both("closest", y, p, psi))
+
+
+def _equal_gaps(pair: _Pair | _Sides, y: Array, psi: Array) -> tuple[Array, Array]:
     """Return the rolls at which both gaps are equal, and the contact points on right and left wheels.
 
     Newton's method on the difference of the gaps, which falls with the roll, kept inside a shrinking interval.

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
+from hbbogie.errors import ModelError, told
 from hbbogie.model.ramps import Scalar
 from hbbogie.model.removable import magnitude, quotient
 from hbbogie.model.scalars import check_scalars
 
 Forces = tuple[Scalar, Scalar]
+LARGEST = 1e100  # size of a creepage, whose square still is a number
 REST = 1e-100  # squared creepage that counts as none: derivatives of quotients of smaller ones overflow
 
 
@@ -284,11 +287,26 @@ def _saturated(Fx: Scalar, Fy: Scalar, limit: Scalar) -> Forces:
     return e * Fx, e * Fy
 
 
+def _arrays(creepages: tuple[Any, ...]) -> list[NDArray[np.float64]]:
+    """Return creepages as arrays of one shape; raise `ModelError` where they are no finite numbers."""
+    try:
+        if any(c is None for c in creepages):
+            raise TypeError("None is no number")
+        arrays = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in creepages))
+    except (TypeError, ValueError) as error:
+        raise ModelError(
+            f"creepages: {error}; give numbers, arrays of one shape, or expressions of coordinates and parameters."
+        ) from None
+    if not all((np.abs(a) <= LARGEST).all() for a in arrays):  # not where one is NaN either
+        raise ModelError(f"creepages: got {told(creepages)}; give finite numbers up to {LARGEST:g}.")
+    return list(arrays)
+
+
 def _evaluated(law: Callable[..., tuple[Scalar, ...]], *creepages: Scalar) -> tuple[Scalar, ...]:
     """Return what a law gives: an expression for expressions, a number for numbers, an array for arrays."""
     if any(isinstance(c, ca.SX | ca.MX | ca.DM) for c in creepages):
         return law(*creepages)
-    arrays = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in creepages))
+    arrays = _arrays(creepages)
     results = [ca.DM(r) if isinstance(r, float) else r for r in law(*(ca.DM(a.ravel()) for a in arrays))]
     if not all(isinstance(r, ca.DM) for r in results):  # the law has symbolic coefficients
         return tuple(results)

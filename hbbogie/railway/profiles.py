@@ -17,6 +17,7 @@ from hbbogie.errors import ModelError
 Array = NDArray[np.float64]
 FLANGE = 10.0  # mm: what a flange or the side of a rail head is at least higher than the running surface
 FEWEST = 10  # points of a profile
+ROUNDS = 2.0  # length of a contour over the way round all of it, at most: measured points may be noisy
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,11 +231,19 @@ def _points(where: str, text: str) -> tuple[Array, Array]:
         elif len(fields) != 2 or after:
             why = f"stands after the text of line {after}" if after else f"has {len(fields)} numbers"
             raise ModelError(f"{where}: line {number}, {line.strip()!r}, {why}; give one block of two columns.")
+        elif not np.isfinite(fields).all():
+            raise ModelError(f"{where}: line {number}, {line.strip()!r}, is no finite point; leave such points out.")
         else:
             rows.append((fields[0], fields[1]))
     if len(rows) < FEWEST:
         raise ModelError(f"{where}: {len(rows)} lines of two numbers; give at least {FEWEST} points, as y z in mm.")
     y, z = np.array(rows).T
+    length, round_it = np.hypot(np.diff(y), np.diff(z)).sum(), 2 * (np.ptp(y) + np.ptp(z))
+    if length > ROUNDS * round_it:
+        raise ModelError(
+            f"{where}: from point to point it is {length:.4g} mm, and {round_it:.4g} mm around them all; give the "
+            "points in their order along the contour."
+        )
     return y, z
 
 

@@ -34,6 +34,9 @@ def conicity_of(
     back_to_back: float = 1360.0,
     radius: float = 460.0,
     mirrored: bool = False,
+    left_wheel: str | None = None,
+    left_rail: str | None = None,
+    left_radius: float | None = None,
 ) -> Report:
     """Compute contact geometry and equivalent conicity.
 
@@ -48,7 +51,10 @@ def conicity_of(
     gauge, back_to_back, radius : float, mm
         As of `contact_geometry`.
     mirrored : bool
-        Whether the file of the rail has its gauge face at y > 0.
+        Whether the files of the rails have their gauge faces at y > 0.
+    left_wheel, left_rail : str, optional
+        As wheel and rail, where the left side differs.
+    left_radius : float, optional, mm
 
     Raises
     ------
@@ -58,11 +64,16 @@ def conicity_of(
     positive("largest shift", largest, "mm")
     if positive("step", step, "mm") > largest:
         raise ModelError(f"step {step:g} mm is more than the largest shift, {largest:g} mm; give a smaller one.")
-    on_wheel = _profile(wheel, SHIPPED_WHEELS, read_wheel)
-    on_rail = _profile(rail, SHIPPED_RAILS, partial(read_rail, mirrored=mirrored))
+    reading = partial(read_rail, mirrored=mirrored)
+    on_wheel, on_rail = _profile(wheel, SHIPPED_WHEELS, read_wheel), _profile(rail, SHIPPED_RAILS, reading)
+    other_wheel = _profile(left_wheel, SHIPPED_WHEELS, read_wheel) if left_wheel else None
+    other_rail = _profile(left_rail, SHIPPED_RAILS, reading) if left_rail else None
     half = int(np.floor(largest / step + 1e-9))
     shift = step * np.arange(-half, half + 1)
-    found = contact_geometry(on_wheel, on_rail, shift, gauge=gauge, back_to_back=back_to_back, radius=radius)
+    found = contact_geometry(
+        on_wheel, on_rail, shift, gauge=gauge, back_to_back=back_to_back, radius=radius,
+        left_wheel=other_wheel, left_rail=other_rail, left_radius=left_radius,
+    )  # fmt: skip
     shown = equivalent_conicity(shift, found.radius_difference, list(amplitudes))
     fine = np.arange(round(min(amplitudes) / FINE), round(max(amplitudes) / FINE) + 1) * FINE
     curve = equivalent_conicity(shift, found.radius_difference, fine[fine > 0] if len(fine) > 1 else list(amplitudes))
@@ -73,9 +84,10 @@ def conicity_of(
         "contact_angle": partial(draw, "contact", found, y="contact angle"),
         "contact_point": partial(draw, "contact", found, y="contact point"),
     }
+    other = f", the left one {left_radius:g} mm" if left_radius else ""
     notes = [
         f"Rigid contact at gauge {gauge:g} mm, flanges {back_to_back:g} mm back to back, wheels of radius {radius:g} "
-        f"mm; shifts every {step:g} mm up to {largest:g} mm."
+        f"mm{other}; shifts every {step:g} mm up to {largest:g} mm."
     ]
     if np.isnan(curve.equivalent).any():
         notes.append("Where no number is given by EN 15302 the wheelset does not swing about its centre.")

@@ -67,8 +67,8 @@ class Cycle:
             E = fourier.synthesis(self.H, fourier.phases(samples))
             return ca.mtimes(E, self.coefficients[:, self._place(name)])
         q, v = self._motion(samples)
-        measured = system.dynamics.measure.map(samples)(q, v, ca.repmat(self._p, 1, samples))
-        return measured[system.output_names.index(name), :].T
+        measure = system.dynamics.measure_of(system.output_names.index(name))
+        return measure.map(samples)(q, v, ca.repmat(self._p, 1, samples)).T
 
     def force(self, element: str, samples: int = SAMPLES) -> ca.MX:
         """Return the force of an element at equidistant times over the period, shape (samples,) [its unit]."""

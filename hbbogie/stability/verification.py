@@ -141,6 +141,7 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     stability = _stability(shooting, path, step, passages)
     status = _status(path, shooting, closure, distance, isolated)
     changes = {"method": f"multiple shooting, {len(path.x)} elements", "residual": closure, "status": status}
+    changes["naming"] = system.naming  # an orbit from a file does not know how outputs are measured
     polished = orbit.replace(coefficients=coefficients, omega=omega, stability=stability, **changes)
     amplitudes |= {c: polished.amplitude(c) for c, by in zip(orbit.coordinates, orbit.advance, strict=False) if by}
     errors = {c: orbit.amplitude(c) - amplitudes[c] for c in orbit.coordinates}

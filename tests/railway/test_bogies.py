@@ -5,6 +5,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.branches import crossings
+from hbbogie.collocation import Collocation
 
 
 def largest(equations, branch, V, coordinate):
@@ -60,6 +61,28 @@ def test_wheelset_on_profiles_by_two_methods():
     balanced = hb.solve(hb.HarmonicBalance(63).equations(system), small, method="newton", V=45.0)
     assert balanced.omega == pytest.approx(small.omega, rel=1e-5)
     assert balanced.amplitude("y") == pytest.approx(small.amplitude("y"), rel=1e-5)
+
+
+def test_wheelset_on_smooth_profiles_by_two_methods():
+    """The radius difference as a spline: harmonic balance and collocation agree, second derivatives are exact."""
+    system = WHEELSET.wheelset_on_profiles(difference="spline", V=45.0)
+    small = min(hb.find_cycles(system, V=45.0), key=lambda cycle: cycle.amplitude("y"))
+    balance, mesh = hb.HarmonicBalance(63).equations(system), Collocation().equations(system)
+    harmonics, pieces = hb.solve(balance, small, method="newton", V=45.0), hb.solve(mesh, small, V=45.0)
+    assert harmonics.omega == pytest.approx(pieces.omega, rel=1e-7)
+    assert harmonics.amplitude("y") == pytest.approx(pieces.amplitude("y"), rel=1e-7)
+    equations = hb.HarmonicBalance(9).equations(system)
+    cycle = hb.solve(equations, small, method="newton", V=45.0)
+    z, p, weights = equations.encode(cycle), system.vector(V=45.0), np.linspace(-1, 1, equations.size)
+    step = 1e-6 * np.abs(z) * np.cos(np.arange(len(z)))
+    slopes = [weights @ equations.derivatives(())(z + s * step, p)[1].full() for s in (1, -1)]
+    second = equations.hessian(())(z, p, weights).full()
+    np.testing.assert_allclose(second @ step, (slopes[0] - slopes[1]) / 2, atol=1e-7 * np.abs(second @ step).max())
+
+
+def test_wheelset_on_profiles_names_what_there_is():
+    with pytest.raises(hb.ModelError, match="give one of lines, spline"):
+        WHEELSET.wheelset_on_profiles(difference="cubic")
 
 
 # --- the simple bogie -------------------------------------------------------------------------
@@ -189,6 +212,18 @@ def test_kaas_petersen_asymmetric_cycle_without_flange():
         found = min((low, high), mirrored, key=lambda ends: abs(ends[1] - known[name][1]))
         assert found == pytest.approx(known[name], abs=1.5e-4)
     assert cycle.omega == pytest.approx(known["omega"], abs=1e-3)
+
+
+@pytest.mark.slow
+def test_kaas_petersen_asymmetric_attractor_is_found():
+    """At 110 m/s a pitchfork has left an asymmetric attractor, and its mirror image, beside the symmetric one."""
+    found = [cycle for cycle in hb.find_cycles(KAAS.bogie(), V=110.0) if cycle.verdict == "stable"]
+    symmetric = [cycle for cycle in found if cycle.is_odd(1e-6)]
+    broken = [cycle for cycle in found if not cycle.is_odd(1e-6)]
+    assert len(symmetric) == 1 and len(broken) == 2
+    for cycle in broken:
+        assert cycle.amplitude("q1") == pytest.approx(KAAS.ASYMMETRIC[110.0], abs=6e-6)
+        assert cycle.omega == pytest.approx(27.43719, abs=1e-4)  # by a script of its own, DOP853 and shooting
 
 
 @pytest.mark.slow

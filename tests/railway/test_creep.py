@@ -276,3 +276,53 @@ def test_simple_bogie_without_flange():
         assert cycle.orbit.stability.verdict == "stable"
         assert cycle.amplitudes["q1"] == pytest.approx(peak, abs=5e-7)
         assert cycle.orbit.omega == pytest.approx(omega, abs=5e-4)
+
+
+ODD = [(0.0, 0.0, 0.1), (0.0, 0.0, -3.0), (1e-9, 0.0, 0.0), (0.0, -1e-9, 1e-6), (50.0, -70.0, 0.0), (1e9, 1e9, 0.0)]
+
+
+@pytest.mark.parametrize("at", ODD)
+def test_odd_creepages_by_formulas_written_again(at):
+    """Spin alone, hardly any creepage, and creepages far beyond what slides."""
+    xi, eta, phi = at
+    linear = np.array([-F11 * xi, -F22 * eta - F23 * phi])
+    u = np.hypot(*linear) / LIMIT
+    e = (1 - (1 - u / 3) ** 3) / u if u < 3 else 1 / u  # Johnson and Vermeulen, as they print it
+    assert SHE.force(*at) == pytest.approx(e * linear, rel=1e-6 if u < 1e-3 else 1e-12)  # 1 - (1 - u/3)^3 cancels
+    g = np.array([-6.563e6 / 0.60252 * xi, -6.563e6 / 0.54219 * eta])
+    u = np.hypot(*g) / 1e4
+    e = 0.0 if u == 0 else (1 - (1 - u / 3) ** 3) / u if u < 3 else 1 / u
+    assert VJ.force(xi, eta) == pytest.approx(e * g, rel=1e-6 if u < 1e-3 else 1e-12)
+    if np.hypot(xi, eta) > 0:
+        assert POLACH.force(*at) == pytest.approx(polach_as_printed(*at, **PATCH), rel=1e-6)
+
+
+def test_polach_of_spin_alone():
+    """Only the spin acts: F_S of the paper with the effective lateral creepage phi a, times load and spin."""
+    beside = polach_as_printed(0.0, 1e-13, 0.1, **PATCH)
+    assert POLACH.force(0.0, 0.0, 0.1) == pytest.approx(beside, rel=1e-6)
+
+
+def test_arrays_are_points_side_by_side():
+    xi, eta = np.meshgrid([0.0, 1e-3, 1.0], [-1e-3, 0.0])
+    for law in (KALKER, SHE, VJ, POLACH, REDUCED):
+        Fx, Fy = law.force(xi, eta)
+        assert Fx.shape == Fy.shape == (2, 3)
+        for i, j in np.ndindex(2, 3):
+            assert law.force(xi[i, j], eta[i, j]) == (Fx[i, j], Fy[i, j])
+
+
+@pytest.mark.parametrize("law", [KALKER, SHE, VJ, POLACH, REDUCED], ids=lambda v: type(v).__name__)
+@pytest.mark.parametrize(
+    "at", [("a", 0.0), (None, 0.0), (np.nan, 0.0), (np.inf, 0.0), (1e150, 0.0), ([1.0, 2.0], [1, 2, 3])]
+)
+def test_creepages_that_are_no_numbers(law, at):
+    with pytest.raises(ModelError, match="creepages"):
+        law.force(*at)
+
+
+@pytest.mark.parametrize("load", [-1.0, 0.0, np.nan])
+def test_normal_force_is_positive(load):
+    for made in (lambda: Polach(**{**PATCH, "load": load}), lambda: ShenHedrickElkins(F11, F22, load)):
+        with pytest.raises(ModelError, match="above 0"):
+            made()

@@ -119,6 +119,9 @@ def test_what_is_under_an_overhang_is_left_out(tmp_path):
         ("1 2 3\n" * 12, r"line 1, '1 2 3', has 3 numbers; give one block of two columns"),
         ("1 2\n" * 12 + "end\n3 4\n", "line 14, '3 4', stands after the text of line 13"),
         ("\n".join(f"{i} {0.1 * i}" for i in range(-9, 9)), "no point is more than 10 mm above or below"),
+        ("\n".join(f"{i / 1e3} {i * i / 4e6}" for i in range(-60, 60)), "in millimetres"),
+        ("\n".join(f"{(37 * i) % 120 - 60} {((37 * i) % 120 - 60) / 4}" for i in range(120)), "in their order along"),
+        ("1 2\n" * 12 + "3 nan\n", "line 13, '3 nan', is no finite point"),
         ("\n".join(f"{i} {i}" for i in range(5, 50)), "shift it so that the rolling circle is at y = 0"),
     ],
 )
@@ -215,6 +218,48 @@ def test_cones_on_round_rails():
     assert found.radius_difference == pytest.approx(2 * g * y * (1 + g * (R + 460) / (l - g * 460)), rel=1e-3, abs=1e-5)
     assert found.angle_right + found.roll == pytest.approx(np.full(4, np.arctan(g)), abs=1e-6)
     assert found.rail_right == pytest.approx(-R * np.sin(found.angle_right), abs=2e-3)
+
+
+WORN = Profile("worn", POINTS, s1002_height(POINTS) - 0.2 * np.exp(-((POINTS - 2) ** 2) / 200))
+
+
+def test_sides_that_differ_change_places_in_the_mirror():
+    """IDENTITY: the right side of one wheelset at y is the left side of the mirrored one at -y."""
+    y = np.array([-4.1, 0.3, 2.7])
+    one = contact_geometry(s1002(), uic60(), y, left_wheel=WORN, radius=459.8, left_radius=460.1)
+    other = contact_geometry(WORN, uic60(), -y, left_wheel=s1002(), radius=460.1, left_radius=459.8)
+    assert one.wheel == "S1002/worn" and other.wheel == "worn/S1002" and one.rail == "UIC60"
+    for name in ("radius", "angle", "wheel", "rail"):
+        for mine, yours in (("right", "left"), ("left", "right")):
+            here, there = getattr(one, f"{name}_{mine}"), getattr(other, f"{name}_{yours}")
+            assert here == pytest.approx(there, abs=1e-6)
+    assert one.radius_difference == pytest.approx(-other.radius_difference, abs=1e-6)
+    assert one.roll == pytest.approx(-other.roll, abs=1e-9)
+
+
+def test_equal_sides_given_twice_are_one_pair():
+    y = np.array([-3.0, 0.0, 1.7])
+    one, other = (
+        contact_geometry(s1002(), uic60(), y, **left) for left in ({}, {"left_wheel": s1002(), "left_radius": 460.0})
+    )
+    np.testing.assert_allclose(one.radius_difference, other.radius_difference, atol=1e-12)
+    assert one.wheel == other.wheel == "S1002"
+
+
+def test_a_smaller_left_wheel_adds_to_the_radius_difference():
+    """On cones the difference of the radii counts, with the roll that it makes as in `test_cones_on_round_rails`.
+
+    The head of a UIC60 rail has the radius 300 mm where it touches.
+    """
+    S = np.concatenate([np.linspace(-70, -40, 31), np.linspace(-39, 60, 100)])
+    g = 0.05
+    wheel = Profile("cone", S, np.where(S < -38.5, 40.0, -g * S))
+    found = contact_geometry(wheel, uic60(), [1.0], left_radius=459.0)
+    same = contact_geometry(wheel, uic60(), [1.0])
+    share = 1 + g * (300 + 460) / (750 - 300 * g - 460 * g)
+    assert found.radius_difference - same.radius_difference == pytest.approx(share, abs=2e-3)
+    with pytest.raises(ModelError, match="left_radius: got -1"):
+        contact_geometry(wheel, uic60(), [0.0], left_radius=-1.0)
 
 
 def test_gaps_are_closed_nowhere_else():

@@ -14,7 +14,7 @@ TRAIN = hb.load_problem("train")
 
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_hopf_points_of_trains(n):
-    found = hb.hopf_points(TRAIN.train(n), "V", (60.0, 110.0))
+    found = hb.hopf_points(TRAIN.train(n), "V", (5.0, 130.0))  # several in one step
     for hopf, (V, omega) in zip(found, KNOWN["train_hopf"][str(n)], strict=True):
         assert hopf.value == pytest.approx(V, rel=1e-9)
         assert hopf.omega == pytest.approx(omega, rel=1e-9)
@@ -27,6 +27,11 @@ def test_uncoupled_train_is_its_vehicles():
     many, own = (np.linalg.eigvals(s.ode_jacobian(np.zeros(s.n_states), s.vector()).full()) for s in (free, one))
     for value in own:
         assert np.sort(np.abs(many - value))[2] < 1e-6 * max(1.0, abs(value))
+
+
+def test_outputs_of_a_train_are_those_of_its_vehicles():
+    one, two = hb.load_problem("vehicle").vehicle().output_names, TRAIN.train(2).output_names
+    assert two == tuple(f"{name}_{m}" for m in (1, 2) for name in one)
 
 
 def test_couplers_are_symmetric():
