@@ -11,7 +11,6 @@ of this process, which is less sensitive to other work on the machine. Parts can
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import platform
 import re
@@ -20,12 +19,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from queue import Queue
-from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -48,6 +44,7 @@ from hbbogie import (
     trace,
     verify,
 )
+from hbbogie.benchmark_explorer import moved
 from hbbogie.benchmark_reliability import measure_reliability, print_reliability
 from hbbogie.benchmark_train import measure_trains, print_trains
 from hbbogie.collocation.cycle import CollocatedCycle
@@ -68,16 +65,6 @@ from hbbogie.exact.walk import Walk, follow
 from hbbogie.exchange import to_auto
 
 REPEATS = 5
-CHROMIUM = (
-    "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --window-size=1400,1200"
-)
-COUNT = "Number(document.documentElement.dataset.answers || 0)"  # diagrams that the page has drawn
-MOVE = (
-    "const all = [...document.querySelectorAll('#parameters input[type=range]')].filter((e) => !e.disabled);"
-    "const one = all[Math.floor(all.length * arguments[0])];"
-    "one.value = arguments[1]; one.dispatchEvent(new Event('input', {bubbles: true}))"
-)
 RANDOM = ("Mw", "Mf", "K1", "K2", "K4", "K6", "D2", "lam", "f11")  # varied by 20 % to either side
 
 
@@ -291,50 +278,11 @@ def measure_auto(table: Table) -> None:
 
 def measure_explorer(table: Table, moves: int = 50) -> None:
     """Measure random moves of sliders in Chromium, from the slider to the drawn diagram; the median counts."""
-    if not (shutil.which("chromium") and shutil.which("chromedriver") and importlib.util.find_spec("selenium")):
-        print("explorer: not measured, for Chromium, its driver or selenium is missing", file=sys.stderr)
-        return
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    from hbbogie.explorer import Session, opening, serve
-
-    module = load_problem("yang1995")
-    session = Session("yang1995", module, module.bogie(), opening(module, module.bogie()))
-    addresses: Queue[str] = Queue()
-    Thread(target=lambda: serve(session, 0, browser=False, ready=addresses.put), daemon=True).start()
-    with _chromium() as page:
-        page.get(addresses.get(timeout=30))
-        wait = WebDriverWait(page, 60, poll_frequency=0.02)
-        wait.until(lambda p: p.execute_script("return document.documentElement.dataset.cycles"))
-        page.execute_script("performance.clearMeasures('diagram')")
-        rng, busy = np.random.default_rng(0), time.process_time()
-        for _ in range(moves):
-            before = page.execute_script(f"return {COUNT}")
-            page.execute_script(MOVE, float(rng.uniform()), int(rng.integers(250, 750)))
-            wait.until(lambda p: p.execute_script(f"return {COUNT}") > before)  # noqa: B023  # called at once
-        worked = (time.process_time() - busy) / moves
-        passed = page.execute_script("return performance.getEntriesByName('diagram').map(e => e.duration / 1000)")
-    remark = f"{len(passed)} moves, nine of ten within {1e3 * np.quantile(passed, 0.9):.0f} ms"
-    what = "explorer: from slider to drawn diagram, median in a browser"
-    table.rows.append((what, float(np.median(passed)), worked, remark))
-
-
-@contextmanager
-def _chromium() -> Iterator[Any]:
-    """Start Chromium without a window, with a new profile."""
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium") or ""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        for flag in (*CHROMIUM.split(), f"--user-data-dir={folder}"):
-            options.add_argument(flag)
-        page = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver") or ""))
-        try:
-            yield page
-        finally:
-            page.quit()
+    if found := moved(moves):
+        passed, worked = found
+        remark = f"{len(passed)} moves, nine of ten within {1e3 * np.quantile(passed, 0.9):.0f} ms"
+        what = "explorer: from slider to drawn diagram, median in a browser"
+        table.rows.append((what, float(np.median(passed)), worked, remark))
 
 
 def _peak_memory() -> float:

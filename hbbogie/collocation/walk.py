@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.collocation.adaption import adapted_to, curve_at, error_at, refined
+from hbbogie.collocation.adaption import Placed, adapted_to, curve_at, error_at, refined
 from hbbogie.collocation.crossings import away_from, crossings_of, off, reaches
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
