@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.errors import door
+from hbbogie.methods.size import has_many_states
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.dynamics import state_of
 from hbbogie.model.system import System
@@ -57,7 +58,7 @@ def fold_shift(system: System, orbit: Orbit, parameter: str) -> FoldShift | None
     Returns
     -------
     FoldShift or None
-        None for angles that run on, forces that jump and systems that conserve something.
+        None for angles that run on, forces that jump, systems that conserve something, and more than 64 states.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def fold_shift(system: System, orbit: Orbit, parameter: str) -> FoldShift | None
         For an unknown parameter.
     """
     p, place = system.vector(**orbit.parameters), system.parameter_names.index(system.parameter(parameter).name)
-    if orbit.advance or any(e.heights is not None for e in system.elements):
+    if orbit.advance or has_many_states(system) or any(e.heights is not None for e in system.elements):
         return None
     waveforms = Waveforms(system, [orbit], p[None])
     size = waveforms.all_states.size[0]

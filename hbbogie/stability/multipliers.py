@@ -111,11 +111,9 @@ def floquet_of_each(
         check_orbit(system, orbit)
     p = np.array([system.vector(**orbit.parameters) for orbit in orbits])
     for k, orbit in enumerate(orbits):
-        halved = is_halved(system, orbit, half)
+        cycles[is_halved(system, orbit, half)].append(k)
         if orbit.H == 0:
-            found[k] = _equilibrium(system, orbit, p[k], tolerance)
-        else:
-            cycles[halved].append(k)
+            found[cycles[False].pop()] = _equilibrium(system, orbit, p[k], tolerance)
     for halved, places in cycles.items():
         if places:
             chosen = [orbits[k] for k in places]
@@ -128,8 +126,7 @@ def _judged(
     orbits: Sequence[Orbit], waveforms: Waveforms, steps: int | None, tolerance: float, halved: bool
 ) -> list[Stability]:
     """Return the verdicts on cycles."""
-    system, p = waveforms.system, waveforms.p
-    sizes = np.array([_sizes(size, system.n) for size in waveforms.all_states.size])
+    system, p, sizes = waveforms.system, waveforms.p, _sizes(waveforms.all_states.size, waveforms.system.n)
     every, parts = np.arange(len(p)), 2 if halved else 1
     rates = system.ode(waveforms.all_states.at(np.zeros(len(p)), of=every).T, p.T).full().T
     conserved, names = conserved_in_each(system, p, sizes), state_names(system)
@@ -153,8 +150,8 @@ def _judged(
 
 def _sizes(size: Array, n: int) -> Array:
     """Return sizes of the states, at least `AT_REST` of the largest: disturbances of a state at rest are not huge."""
-    parts = np.split(size, [n])
-    return np.concatenate([np.maximum(part, AT_REST * part.max(initial=0.0)) for part in parts])
+    largest = [x.max(axis=1, keepdims=True, initial=0.0) for x in (size[:, :n], size[:, n:])]
+    return np.maximum(size, AT_REST * np.repeat(np.hstack(largest), [n, size.shape[1] - n], axis=1))
 
 
 def is_halved(system: System, orbit: Orbit, half: bool | None = None) -> bool:
