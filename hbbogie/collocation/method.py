@@ -74,7 +74,7 @@ class Collocation:
 class CollocationEquations:
     """The cycles of a system by collocation: their mesh, and so the number of unknowns, follows the motion.
 
-    Where elements are piecewise linear, their contact times are points of the mesh, for single cycles.
+    Where elements are piecewise linear, their contact times are points of the mesh, also along branches.
 
     Attributes
     ----------
