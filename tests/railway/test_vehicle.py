@@ -47,6 +47,18 @@ def test_failed_yaw_dampers_are_none():
     assert values[0] == pytest.approx(values[1], rel=1e-10)
 
 
+def test_branches_without_yaw_dampers_begin_and_turn_where_those_of_failed_ones_do():
+    """The car body hardly yaws in the critical mode, so that it cannot set the phase."""
+    folds = []
+    for made in ({"c1": 0.0}, {"yaw_dampers": "none"}):
+        system = VEHICLE.vehicle(**made)
+        hopf = hb.hopf_points(system, "V", (60.0, 90.0))[0]
+        balance = hb.HarmonicBalance(3).equations(system)
+        branch = hb.trace(balance, hopf, "V", (40.0, 90.0), families=False, stability=False, max_points=25)
+        folds.append([f.value for f in branch.folds()])
+    assert folds[0] and folds[0] == pytest.approx(folds[1], rel=1e-8)
+
+
 def test_stiff_series_spring_is_a_direct_yaw_damper():
     direct, series = (
         hb.hopf_points(VEHICLE.vehicle(yaw_dampers=kind, **made), "V", (60.0, 90.0))[0].value
