@@ -23,7 +23,9 @@ from hbbogie.results.periodic import FourierSeries
 
 Array = NDArray[np.float64]
 LOPSIDED = 0.01  # mean and even harmonics, relative to the largest coefficient, beyond which an orbit is not odd
-RESTING = 1e-6  # smallest first harmonic, relative to the largest, with which a coordinate can set the phase
+# Smallest first harmonic, relative to the largest, with which a coordinate can set the phase: in a first cycle, of a
+# hundredth of the amplitude scale, it must lie above its lower bound.
+RESTING = 2e-3
 
 
 @runtime_checkable

@@ -66,23 +66,27 @@ def diagram_figures(system: System, found: Diagram) -> Figures:
 
 def cycle_figures(cycles: list[Orbit], system: System) -> Figures:
     """Return the figures of cycles at one value: phase portrait, waveform, spectrum, multipliers."""
+    moves = [moving_groups(system, o) for o in cycles]
+    labels = [f"{what}, {o.verdict}" for what, o in zip(moves, cycles, strict=True)] if any(moves) else None
+    told = _told(cycles, moves)
     figures: Figures = {
-        "phase_portrait": partial(draw, "orbit", cycles),
-        "waveform": partial(_waveforms, cycles, dict(zip(system.coordinate_names, cycles[0].units, strict=True))),
+        "phase_portrait": partial(draw, "orbit", cycles, labels=labels),
+        "waveform": partial(_waveforms, told, dict(zip(system.coordinate_names, cycles[0].units, strict=True))),
         "spectrum": partial(draw, "spectrum", cycles, system.coordinate_names[0]),
     }
     if system.output_names:
         units = {name: system.naming.units.get(name, "1") for name in system.output_names}
-        figures["output_waveform"] = partial(_waveforms, cycles, units)
-    if any(o.stability is not None and len(o.stability.multipliers) for o in cycles):
-        figures["multipliers"] = partial(_multipliers, cycles)
+        figures["output_waveform"] = partial(_waveforms, told, units)
+    if any(o.stability is not None and len(o.stability.multipliers) for _, o in told):
+        figures["multipliers"] = partial(_multipliers, told)
     return figures
 
 
-def _told(cycles: Sequence[Orbit]) -> list[tuple[str, Orbit]]:
-    """Return the cycles that a page has room for, the largest ones, each with what it is."""
+def _told(cycles: Sequence[Orbit], moves: Sequence[str]) -> list[tuple[str, Orbit]]:
+    """Return the cycles that a page has room for, the largest ones, each with what it is and what moves in it."""
     count, first = len(cycles), max(0, len(cycles) - PANELS)
-    words = [f"cycle {i + 1} of {count}, {o.verdict}" if count > 1 else o.verdict for i, o in enumerate(cycles)]
+    numbers = [f"cycle {i + 1} of {count}" * (count > 1) for i in range(count)]
+    words = [", ".join(filter(None, (n, m, o.verdict))) for n, m, o in zip(numbers, moves, cycles, strict=True)]
     return list(zip(words, cycles, strict=True))[first:]
 
 
@@ -102,13 +106,12 @@ def _outputs(branches: Sequence[Branch], names: Sequence[str], **about: Any) -> 
     return plot.one_legend(figure)
 
 
-def _waveforms(cycles: Sequence[Orbit], named_units: Mapping[str, str]) -> Figure:
+def _waveforms(shown: Sequence[tuple[str, Orbit]], named_units: Mapping[str, str]) -> Figure:
     """Draw one period of what is named, each in its unit: a row for each cycle, a panel for each unit."""
     from hbbogie import plot
 
     units = list(dict.fromkeys(named_units.values()))
-    shown = _told(cycles)
-    figure, grid = plot.panels(len(shown), len(units), title=plot.title_of(cycles[0]))
+    figure, grid = plot.panels(len(shown), len(units), title=plot.title_of(shown[0][1]))
     for row, (words, o) in zip(grid, shown, strict=True):
         for ax, unit in zip(row, units, strict=True):
             plot.waveform(o, [name for name, u in named_units.items() if u == unit], ax=ax)
@@ -116,12 +119,12 @@ def _waveforms(cycles: Sequence[Orbit], named_units: Mapping[str, str]) -> Figur
     return plot.one_legend(figure)
 
 
-def _multipliers(cycles: Sequence[Orbit]) -> Figure:
+def _multipliers(told: Sequence[tuple[str, Orbit]]) -> Figure:
     """Draw the multipliers of each cycle in the complex plane."""
     from hbbogie import plot
 
-    shown = [(w, o) for w, o in _told(cycles) if o.stability is not None and len(o.stability.multipliers)]
-    figure, (row,) = plot.panels(1, len(shown), (4.4 * len(shown), 4.6), plot.title_of(cycles[0]))
+    shown = [(w, o) for w, o in told if o.stability is not None and len(o.stability.multipliers)]
+    figure, (row,) = plot.panels(1, len(shown), (4.4 * len(shown), 4.6), plot.title_of(shown[0][1]))
     for ax, (words, o) in zip(row, shown, strict=True):
         plot.multipliers(o, ax=ax).set_title(words, fontsize=10)
     return plot.one_legend(figure)

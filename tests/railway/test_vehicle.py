@@ -10,6 +10,8 @@ import pytest
 import hbbogie as hb
 from hbbogie.branches import crossings
 from hbbogie.motion import moving_groups
+from hbbogie.stability import fold_shift
+from hbbogie.studies import smallest_critical
 
 KNOWN = json.loads((Path(__file__).parent / "vehicle.json").read_text(encoding="utf-8"))
 VEHICLE = hb.load_problem("vehicle")
@@ -48,6 +50,18 @@ def test_failed_yaw_dampers_are_none():
         for made in ({"c1": 0.0}, {"yaw_dampers": "none"})
     ]
     assert values[0] == pytest.approx(values[1], rel=1e-10)
+
+
+def test_branches_without_yaw_dampers_begin_and_turn_where_those_of_failed_ones_do():
+    """The car body hardly yaws in the critical mode, so that it cannot set the phase."""
+    folds = []
+    for made in ({"c1": 0.0}, {"yaw_dampers": "none"}):
+        system = VEHICLE.vehicle(**made)
+        hopf = hb.hopf_points(system, "V", (60.0, 90.0))[0]
+        balance = hb.HarmonicBalance(3).equations(system)
+        branch = hb.trace(balance, hopf, "V", (40.0, 90.0), families=False, stability=False, max_points=25)
+        folds.append([f.value for f in branch.folds()])
+    assert folds[0] and folds[0] == pytest.approx(folds[1], rel=1e-8)
 
 
 def test_stiff_series_spring_is_a_direct_yaw_damper():
@@ -198,6 +212,9 @@ def test_fold_and_torus_of_the_front_bogie():
     folds = [hb.fold(hb.HarmonicBalance(H).equations(balance.system), start, search=False) for H in (21, 43)]
     errors = [abs(f.value - known["V"]) for f in folds]
     assert errors[1] < 1e-3 and errors[1] < errors[0] / 5  # a kink of the force: the error falls with H^-3
+    for f, error in zip(folds, errors, strict=True):  # of which the correction leaves little
+        left = abs(f.value + fold_shift(balance.system, f.orbit, "V").value - known["V"])
+        assert left < error / 50 + 1e-6
     for V, verdict in ((torus["V"] - 0.01, "stable"), (torus["V"] + 0.01, "unstable")):
         cycle = hb.verify(VEHICLE.vehicle(V=V), at("she", 0, V)).orbit
         assert cycle.stability.verdict == verdict
@@ -219,3 +236,16 @@ def test_attractors_are_told_apart_in_critical_speeds():
     assert front.value - front.error < KNOWN["fold front"]["V"] < front.value + front.error
     assert front.omega == pytest.approx(KNOWN["fold front"]["omega"], abs=0.01)
     assert any("only the rear bogie moves came to another cycle" in said for said in found.evidence)
+
+
+@pytest.mark.slow
+def test_the_lowest_fold_may_lie_on_the_branch_of_the_rear_bogie_and_below_the_interval():
+    """The job gives it, and more harmonics put it at the same place within its error."""
+    system = VEHICLE.vehicle(lam=0.22)
+    found = smallest_critical(system, "V", (52.0, 110.0), gradients=False)
+    assert found["kind"] == "fold" and not found["failed"]
+    lowest, second = (c for c in hb.critical_speeds(system, "V", (52.0, 110.0)) if c.value < 52.0)
+    assert found["critical"] == pytest.approx(lowest.value, abs=1e-9) and second.value > lowest.value + lowest.error
+    finer = hb.fold(hb.HarmonicBalance(43).equations(system), lowest.orbit, "V", search=False)
+    truth = finer.value + fold_shift(system, finer.orbit, "V").value
+    assert abs(found["critical"] - truth) < 0.1 * found["fold_error"]
