@@ -42,7 +42,7 @@ def test_rest_is_an_equilibrium_and_motions_are_odd(name):
     system = system_of(load_problem(name))
     assert np.all(system.ode(np.zeros(system.n_states), system.vector()).full() == 0)
     assert system.odd == (name != "piecewise")
-    unused = {"yang1995": ("W",), "yang1995_design": ("W",), "vehicle": ("Q",), "train": ("Q",)}  # Q is for outputs
+    unused = {"yang1995": ("W",), "yang1995_design": ("W",)}
     assert system.inactive_parameters == unused.get(name, ())
 
 

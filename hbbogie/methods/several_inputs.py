@@ -52,8 +52,8 @@ def first_harmonics(force: Callable[..., Any], *inputs: complex) -> NDArray[np.c
     >>> law = ShenHedrickElkins(f11=9.4e6, f22=8.7e6, limit=16.4e3)
     >>> xi, eta = 1e-3, 2e-3j  # the lateral creepage a quarter of a period ahead
     >>> Fx, Fy = first_harmonics(law.force, xi, eta)
-    >>> round((-Fx / xi).real / 9.4e6, 3), round((-Fy / eta).real / 8.7e6, 3)
-    (0.781, 0.716)
+    >>> [round(float(coefficient), 3) for coefficient in ((-Fx / xi).real / 9.4e6, (-Fy / eta).real / 8.7e6)]
+    [0.781, 0.716]
     """
     try:
         w = np.array(inputs, dtype=complex)

@@ -45,7 +45,7 @@ class Spline:
     --------
     >>> law = Spline([-2.0, -1.0, 0.0, 1.0, 2.0], [-4.0, -1.0, 0.0, 1.0, 4.0])
     >>> float(law.force(1.0)), round(float(law.force(3.0) - law.force(2.0)), 9)
-    (1.0, 3.428571429)
+    (1.0, 3.5)
     """
 
     u: Sequence[float]

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
@@ -235,11 +236,10 @@ def _in_view(ax: Axes, handle: Any) -> bool:
     """Tell whether what an entry of the legend stands for is within the axes; a line without data for all its like."""
     if not isinstance(handle, Line2D) or handle.get_transform() != ax.transData:
         return True
-    look = handle.get_color(), handle.get_linestyle()
-    like = (
-        [handle]
-        if np.size(handle.get_xydata())
-        else [s for s in ax.lines if (s.get_color(), s.get_linestyle()) == look]
-    )
+
+    def look(line: Line2D) -> tuple[str, Any]:
+        return to_hex(line.get_color()), line.get_linestyle()
+
+    like = [handle] if np.size(handle.get_xydata()) else [s for s in ax.lines if look(s) == look(handle)]
     drawn = [s.get_path().get_extents() for s in like if np.size(s.get_xydata())]
     return not drawn or any(box.overlaps(ax.viewLim) for box in drawn)

@@ -84,12 +84,13 @@ class PiecewisePolynomial:
         every, found = np.arange(self.n), []
         for best in (x.reshape(-1, self.n).argmin(axis=0), x.reshape(-1, self.n).argmax(axis=0)):
             i, k = np.unravel_index(best, x.shape[:2])
-            theta, values = k / FINE, self.values[i, :, every]
-            for _ in range(REFINED):
-                first, second = ((g.basis(theta, d) * values).sum(axis=1) for d in (1, 2))
+            longest = np.diff(self.mesh)[i] / FINE
+            s = self.mesh[i] + k * longest
+            for _ in range(REFINED):  # also into the next interval
+                first, second = (evaluated(self.mesh, self.values, s % 1.0, d)[every, every] for d in (1, 2))
                 step = np.divide(-first, second, out=np.zeros_like(first), where=second != 0)
-                theta = np.clip(theta + np.clip(step, -1 / FINE, 1 / FINE), 0.0, 1.0)
-            found.append((g.basis(theta) * values).sum(axis=1))
+                s = s + np.clip(step, -longest, longest)
+            found.append(evaluated(self.mesh, self.values, s % 1.0)[every, every])
         return np.minimum(found[0], x.min(axis=(0, 1))), np.maximum(found[1], x.max(axis=(0, 1)))
 
     def _quadrature(self, pieces: NDArray[np.int_]) -> tuple[Array, Array, Array]:

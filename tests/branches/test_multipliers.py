@@ -81,4 +81,4 @@ def test_a_cycle_that_the_harmonics_do_not_resolve_is_judged_polished():
     assert hb.floquet(system, start).verdict == "unknown"
     branch = hb.trace(equations, start, "mu", (3.9, 4.1))
     assert set(branch.verdicts) == {"stable"} and branch.special == ()
-    assert "polished by shooting" in branch.orbits[-1].stability.reason
+    assert "Judged on the cycle with harmonics up to" in branch.orbits[-1].stability.reason

@@ -180,7 +180,6 @@ def test_simulate(tmp_path):
         (["simulate", "yang1995", "--method", "euler"], "Allowed: rk4, cvodes"),
         (["cycles", "yang1995", "--method", "exakt"], "Did you mean 'exact'"),
         (["critical", "van_der_pol", "--method", "exact"], "no cycle in closed form"),
-        (["branch", "yang1995", "--method", "collocation"], "is piecewise linear"),
         (["run", "yang1995", "--method", "exact"], "does its own job"),
         (["plot", "nofile.nc"], "no file 'nofile.nc'"),
         (["run", "bautin", "--output", "taken"], "cannot write to the directory 'taken'"),

@@ -197,7 +197,7 @@ def test_an_unknown_verdict_is_that_of_the_polished_cycle():
     rough = solve(few, find_cycles(system, stability=False)[0])
     unknown = Stability("unknown", np.array([1.1, 0.1], complex), 0.1, 0, "rough.")
     better = stability_of(system, rough.replace(stability=unknown))
-    assert better.verdict == "stable" and "Judged on the cycle polished by shooting" in better.reason
+    assert better.verdict == "stable" and "Judged on the cycle with harmonics up to" in better.reason
 
 
 def test_only_one_of_two_mirror_images_is_shown():
