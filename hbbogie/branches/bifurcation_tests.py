@@ -54,7 +54,8 @@ class _Judged:
         """The cycles, with their stability where they are to be judged and can be, as long as there is time."""
         if not self.judge or time_is_over():
             return self.cycles
-        found = stabilities_of(self.curve.equations.system, self.cycles, self.polish)
+        # one alone is where a special point is located: there multipliers meet
+        found = stabilities_of(self.curve.equations.system, self.cycles, self.polish, level=len(self.points) > 1)
         return [cycle.replace(stability=stability) for cycle, stability in zip(self.cycles, found, strict=True)]
 
     @cached_property

@@ -63,7 +63,9 @@ def stability_of(system: System, orbit: Orbit) -> Stability | None:
     return stabilities_of(system, [orbit])[0]
 
 
-def stabilities_of(system: System, orbits: Sequence[Orbit], polish: bool = True) -> list[Stability | None]:
+def stabilities_of(
+    system: System, orbits: Sequence[Orbit], polish: bool = True, level: bool = True
+) -> list[Stability | None]:
     """Return what `stability_of` does of each of some orbits, which are judged together.
 
     Parameters
@@ -73,6 +75,8 @@ def stabilities_of(system: System, orbits: Sequence[Orbit], polish: bool = True)
         The stability of those that have one is taken as it is.
     polish : bool
         Whether to polish cycles whose stability is unknown; otherwise they are judged as they are.
+    level : bool
+        Whether cycles of a family are judged among motions of their level.
 
     Returns
     -------
@@ -83,7 +87,7 @@ def stabilities_of(system: System, orbits: Sequence[Orbit], polish: bool = True)
     most = max(1, TOGETHER // system.n_states**2)
     for k in range(0, len(orbits), most):
         some = orbits[k : k + most]
-        first = [None for _ in some] if time_is_over() else _judged_together(system, some)
+        first = [None for _ in some] if time_is_over() else _judged_together(system, some, level)
         for orbit, stability in zip(some, first, strict=True):
             if polish and stability is not None and not clear(stability) and not time_is_over():
                 stability = finer_stability(system, orbit) or polished_stability(system, orbit) or stability
@@ -91,15 +95,15 @@ def stabilities_of(system: System, orbits: Sequence[Orbit], polish: bool = True)
     return found
 
 
-def _judged_together(system: System, orbits: Sequence[Orbit]) -> list[Stability | None]:
+def _judged_together(system: System, orbits: Sequence[Orbit], level: bool) -> list[Stability | None]:
     """Return the stability of each of some orbits, not polished; None where it cannot be computed."""
     new = [orbit for orbit in orbits if orbit.stability is None]
     try:
-        judged = iter(floquet_of_each(system, new))
+        judged = iter(floquet_of_each(system, new, level=level))
     except FAILURES:
         if len(new) == 1:
             return [orbit.stability for orbit in orbits]
-        return [one for orbit in orbits for one in _judged_together(system, [orbit])]
+        return [one for orbit in orbits for one in _judged_together(system, [orbit], level)]
     return [orbit.stability or next(judged) for orbit in orbits]
 
 

@@ -36,13 +36,9 @@ def within_level(system: System, orbit: Orbit, found: Stability, held: int) -> S
     held : int
         Number of linear quantities that are conserved.
     """
-    off = np.abs(found.multipliers - 1)
-    ones = off <= ONE
-    others = np.abs(found.multipliers[~ones])
-    if NEUTRAL not in found.reason or np.count_nonzero(ones) != 2 + held or not len(others):
+    if not may_be_member(found, held) or not _has_another(system, orbit):
         return found
-    if others.max() >= 1 - MARGIN * off[ones].max() or not _has_another(system, orbit):
-        return found
+    others = np.abs(found.multipliers[np.abs(found.multipliers - 1) > ONE])
     reason = (
         f"the cycle is one of a family, as where something is conserved: {2 + held} multipliers at 1 are expected, and "
         f"found. Judged among motions of one level: all others inside the unit circle, the largest {others.max():.6g}"
@@ -50,6 +46,16 @@ def within_level(system: System, orbit: Orbit, found: Stability, held: int) -> S
     return replace(
         found, verdict="stable", reason=reason + found.reason[found.reason.index("; error of the trivial") :]
     )
+
+
+def may_be_member(found: Stability, held: int) -> bool:
+    """Tell whether the multipliers are those of a cycle of a family, or of a fold."""
+    off = np.abs(found.multipliers - 1)
+    ones = off <= ONE
+    others = np.abs(found.multipliers[~ones])
+    if NEUTRAL not in found.reason or np.count_nonzero(ones) != 2 + held or not len(others):
+        return False
+    return bool(others.max() < 1 - MARGIN * off[ones].max())
 
 
 def _has_another(system: System, orbit: Orbit) -> bool:

@@ -12,7 +12,7 @@ from hbbogie.model.conserved import conserved_in_each, state_names
 from hbbogie.model.parts import is_odd
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
-from hbbogie.stability.families import within_level
+from hbbogie.stability.families import may_be_member, within_level
 from hbbogie.stability.jumps import passages_along
 from hbbogie.stability.transitions import product, transitions_along
 from hbbogie.stability.variation import Waveforms, check_orbit
@@ -103,9 +103,15 @@ def floquet_of_each(
     steps: int | None = None,
     tolerance: float = 1e-2,
     half: bool | None = None,
+    level: bool = True,
 ) -> list[Stability]:
-    """Return what `floquet` does of each of some orbits, as of a branch, in one batch."""
+    """Return what `floquet` does of each of some orbits, as of a branch, in one batch.
+
+    Cycles of a family are judged among motions of their level unless ``level`` is false, or most cycles are of none: a
+    few of a branch are at folds.
+    """
     found: dict[int, Stability] = {}
+    held: dict[int, int] = {}
     cycles: dict[bool, list[int]] = {True: [], False: []}
     for orbit in orbits:
         check_orbit(system, orbit)
@@ -117,15 +123,17 @@ def floquet_of_each(
     for halved, places in cycles.items():
         if places:
             chosen = [orbits[k] for k in places]
-            judged = _judged(chosen, Waveforms(system, chosen, p[places]), steps, tolerance, halved)
-            found |= zip(places, judged, strict=True)
+            judged = _judged(Waveforms(system, chosen, p[places]), steps, tolerance, halved)
+            for k, (stability, count) in zip(places, judged, strict=True):
+                found[k], held[k] = stability, count
+    members = [k for k in held if may_be_member(found[k], held[k])] if level else []
+    if 2 * len(members) >= len(orbits):
+        found |= {k: within_level(system, orbits[k], found[k], held[k]) for k in members}
     return [found[k] for k in range(len(orbits))]
 
 
-def _judged(
-    orbits: Sequence[Orbit], waveforms: Waveforms, steps: int | None, tolerance: float, halved: bool
-) -> list[Stability]:
-    """Return the verdicts on cycles."""
+def _judged(waveforms: Waveforms, steps: int | None, tolerance: float, halved: bool) -> list[tuple[Stability, int]]:
+    """Return the verdicts on cycles, each with the number of linear quantities that are conserved."""
     system, p, sizes = waveforms.system, waveforms.p, _sizes(waveforms.all_states.size, waveforms.system.n)
     every, parts = np.arange(len(p)), 2 if halved else 1
     rates = system.ode(waveforms.all_states.at(np.zeros(len(p)), of=every).T, p.T).full().T
@@ -138,13 +146,13 @@ def _judged(
         if passages.obstacle or not np.isfinite(monodromy).all():
             overflow = f"the variational equations overflow in {len(transitions)} steps; take more steps"
             none = np.full(system.n_states, np.nan, dtype=complex)
-            found.append(Stability("unknown", none, float("nan"), 0, f"{passages.obstacle or overflow}."))
+            found.append((Stability("unknown", none, float("nan"), 0, f"{passages.obstacle or overflow}."), 0))
             continue
         log_det = parts * float(np.linalg.slogdet(transitions)[1].sum())
         trace = parts * (along.trace + passages.log_determinant)
         motion = Motion(rates[k], sizes[k], conserved[k], names)
         judged = judge(-monodromy if halved else monodromy, parts, log_det, trace, tolerance, motion)
-        found.append(within_level(system, orbits[k], judged, len(conserved[k])))
+        found.append((judged, len(conserved[k])))
     return found
 
 
