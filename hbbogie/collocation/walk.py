@@ -37,6 +37,7 @@ NEAR = 0.3  # distance, in units of a step, by which contacts that change may mo
 PATIENCE = 6  # points at one value of the parameter after which a branch counts as a family
 FLAT, MEMBER = 1e-8, 1e-3  # share of the parameter in their tangents, and distance of a further multiplier from 1
 AT = {"interval": -1, "period": -2}  # which unknown has reached its limit at an ending
+ON_STEP = 0.1  # distance from a step, in units of its length, up to which a point is on it
 GROWN = 1e4  # period, relative to that of the start, at which a branch ends
 
 
@@ -332,10 +333,12 @@ def _signature(curve: OnMeshCurve, point: Point) -> Array:
 
 
 def _closes(start: Array, second: Array, marks: list[Array], largest: Array) -> bool:
-    """Tell whether a branch comes back to its start, in the same direction."""
+    """Tell whether a branch comes back to its start, in the same direction: that lies on one of the last steps."""
     size = np.concatenate([[1.0, 1.0], largest, largest])
     start, second, marks = start / size, second / size, [mark / size for mark in marks]
-    return any(
-        np.linalg.norm(start - there) < np.linalg.norm(here - there) and (there - here) @ (second - start) > 0
-        for here, there in pairwise(marks)
-    )
+    for here, there in pairwise(marks):
+        step, way = there - here, start - here
+        share = np.clip(float(way @ step) / max(float(step @ step), 1e-300), 0.0, 1.0)
+        if np.linalg.norm(way - share * step) <= ON_STEP * np.linalg.norm(step) and step @ (second - start) > 0:
+            return True
+    return False

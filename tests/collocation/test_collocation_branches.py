@@ -201,3 +201,19 @@ def test_start_outside_the_interval():
     orbit = collocated(system, from_motion(system, [1.0, 1.0])).orbit()
     with pytest.raises(ModelError, match="outside the interval"):
         hb.trace(Collocation().equations(system), orbit, "a", (1.0, 2.0))
+
+
+def test_a_branch_closes_on_itself():
+    """The isola's radii are the square roots of c +- sqrt(rho^2 - mu^2): its folds lie at -rho and rho."""
+    system = hb.load_problem("isola").SYSTEM()
+    cycle = hb.find_cycles(system, mu=0.0)[-1]
+    branch = hb.trace(Collocation().equations(system), cycle, "mu", (-2.0, 2.0), stability=False)
+    assert {end.kind for end in branch.ends} == {"closed"}
+    np.testing.assert_allclose(sorted(f.value for f in branch.folds()), [-system.values["rho"], system.values["rho"]])
+
+
+def test_a_branch_that_passes_near_its_start_goes_on(bogie):
+    """The bogie's turns around its fold and passes the speed of the Hopf point, at which it began, at a larger peak."""
+    (hopf,) = hb.hopf_points(bogie, "V", (85.0, 95.0))
+    branch = hb.trace(Collocation().equations(bogie), hopf, "V", (88.0, 92.5), stability=False)
+    assert branch.ends[1].kind == "interval" and branch.values.max() == 92.5
