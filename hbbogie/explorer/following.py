@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from hbbogie.branches.choice import is_switched_linear
@@ -47,6 +47,8 @@ class Explored:
         False where the limit of time ended the search.
     anew : bool
         Whether cycles were searched without those of a diagram before.
+    peaks : dict of Orbit to float
+        What is drawn over the parameter of the orbits for which it was computed.
     """
 
     view: View
@@ -56,6 +58,7 @@ class Explored:
     equilibria: Equilibria
     complete: bool
     anew: bool
+    peaks: dict[Orbit, float] = field(default_factory=dict, repr=False)
 
     __repr__ = brief
 

@@ -43,7 +43,7 @@ def diagram_data(found: Explored) -> dict[str, Any]:
     x, y = _axis(found), _height(found)
 
     def height(o: Orbit) -> float:
-        return _peak(o, view.coordinate) * y["factor"]
+        return _peak(found, o) * y["factor"]
 
     def shown(curves: Sequence[tuple[str, Array]]) -> list[dict[str, Any]]:
         return [{"verdict": v, "points": _short(np.asarray(c) * [x["factor"], 1.0])} for v, c in curves]
@@ -91,14 +91,21 @@ def _height(found: Explored) -> dict[str, Any]:
     name = found.view.coordinate
     curves = found.diagram.branches or found.diagram.families
     top, rest = (
-        max((_peak(o, name) for b in some for o in b), default=0.0) for some in (curves.values(), found.equilibria)
+        max((_peak(found, o) for b in some for o in b), default=0.0) for some in (curves.values(), found.equilibria)
     )
     factor, unit = readable(found.system.naming.units[name], top or rest)
     text = label(f"peak of {found.system.naming.plain(name)}", unit)
     return {"label": text, "factor": factor, "unit": unit, "high": (top or rest) * factor}
 
 
-def _peak(o: Orbit, name: str) -> float:
+def _peak(found: Explored, o: Orbit) -> float:
+    """Return what is drawn of an orbit, which is computed once for a diagram."""
+    if o not in found.peaks:
+        found.peaks[o] = _peak_of(o, found.view.coordinate)
+    return found.peaks[o]
+
+
+def _peak_of(o: Orbit, name: str) -> float:
     """Return the peak of a coordinate, or that of an output as a drawing shows it: the largest of many samples."""
     if not o.naming.is_output(name) or o.naming.measure is None:
         return o.amplitude(name)
@@ -147,7 +154,7 @@ def cycle_at(found: Explored, name: str, value: float, height: float) -> Orbit:
         raise ModelError(f"There is no branch {name!r}; click on a curve of cycles.")
     branch, q, p = found.curves[name], found.view.coordinate, found.view.parameter
     value, height = value / _axis(found)["factor"], height / _height(found)["factor"]
-    peaks = np.array([_peak(o, q) for o in branch])
+    peaks = np.array([_peak(found, o) for o in branch])
     size = np.ptp(branch.values) or 1.0, np.ptp(peaks) or 1.0
     away = np.hypot((branch.values - value) / size[0], (peaks - height) / size[1])
     i = int(np.argmin(away))
@@ -159,7 +166,7 @@ def cycle_at(found: Explored, name: str, value: float, height: float) -> Orbit:
         orbit = solve(found.equations, nearest, **at)
     except FAILURES:
         return nearest
-    off = abs(_peak(orbit, q) - height) / size[1]
+    off = abs(_peak_of(orbit, q) - height) / size[1]
     return orbit if orbit.H and off < min(NEAR, float(away[i])) else nearest
 
 
@@ -201,7 +208,7 @@ def cycle_data(found: Explored, orbit: Orbit, module: ModuleType | None = None) 
     content = {"t": _few(t), "waves": waves, "verdict": orbit.verdict, "reason": reason, "about": about}
     place = {
         "x": value * _axis(found)["factor"],
-        "y": _peak(orbit, found.view.coordinate) * _height(found)["factor"],
+        "y": _peak_of(orbit, found.view.coordinate) * _height(found)["factor"],
     }
     return plain({**content, "multipliers": multipliers, "frames": _frames(orbit, module), **place})  # type: ignore[no-any-return]
 
