@@ -1,4 +1,4 @@
-"""What confirms a cycle: shooting, or, where a system has many states, more harmonics."""
+"""What confirms a cycle where a system has many states: more harmonics."""
 
 from __future__ import annotations
 
@@ -10,31 +10,18 @@ from numpy.typing import NDArray
 from hbbogie import fourier
 from hbbogie.branches.same import of_prime_period
 from hbbogie.methods.harmonic import HarmonicBalance
-from hbbogie.methods.size import has_many_states
 from hbbogie.model.system import System
 from hbbogie.model.turns import turns_of
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
-from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
 ORDERS = (15, 31, 63)  # highest harmonics tried in turn
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that they confirm
 ROUGHLY = (5e-3, 1e-2)  # shares of harmonics that are none in the recurrence of a motion, see `of_prime_period`
 MOVING = 1e-8  # peak of a coordinate, relative to the largest, from which its waveform counts
-
-
-def confirmed(system: System, orbit: Orbit) -> Orbit:
-    """Return the cycle near an orbit, polished by shooting, or by more harmonics where there are many states.
-
-    Raises
-    ------
-    ConvergenceError
-        Where there is none.
-    """
-    return by_harmonics(system, orbit) if has_many_states(system) else verify(system, orbit).orbit
 
 
 def by_harmonics(system: System, orbit: Orbit) -> Orbit:

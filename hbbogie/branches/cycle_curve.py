@@ -62,19 +62,20 @@ class CycleCurve:
 
     def evaluate(self, u: Array) -> tuple[Array, Array]:
         """Return scaled residual, shape (m,), and Jacobian, shape (m, m + 1)."""
-        F, J = self.problem.evaluate(u)
-        J /= self.rows[:, None]
-        J *= self.scale
-        return F / self.rows, J
+        return self._scaled(*self.problem.evaluate(u))
 
     def linearise(self, u: Array) -> Dense | Sparse:
         """Return the equations and their derivative."""
         F, J = self.problem.linearise(u)
         if issparse(J):
             return Sparse(F / self.rows, scaled(J, self.rows, self.scale))
+        return Dense(*self._scaled(F, J))
+
+    def _scaled(self, F: Array, J: Array) -> tuple[Array, Array]:
+        """Return residual and full Jacobian, which is changed in place, in scaled unknowns."""
         J /= self.rows[:, None]
         J *= self.scale
-        return Dense(F / self.rows, J)
+        return F / self.rows, J
 
     def settle(self, u: Array) -> None:
         """Take note of nothing."""

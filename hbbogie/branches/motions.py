@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
-from hbbogie.branches.confirming import confirmed
+from hbbogie.branches.confirming import by_harmonics
 from hbbogie.branches.same import BLOCKS, in_one_turn, of_prime_period, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -128,7 +128,7 @@ def cycle_after(system: System, start: Start) -> Orbit:
             "with. What to try: another state, or a cycle of find_cycles."
         )
     if has_many_states(system):
-        return of_prime_period(confirmed(system, orbit), turns_of(system.dynamics))
+        return of_prime_period(by_harmonics(system, orbit), turns_of(system.dynamics))
     checked = verify(system, orbit)
     found = of_prime_period(checked.orbit, turns_of(system.dynamics))
     return found if checked.isolated else found.replace(stability=floquet(system, found))

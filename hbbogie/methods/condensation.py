@@ -110,11 +110,8 @@ def dynamic_stiffness(
     for block in blocks:
         K = [C.index(i) for i in block]
         a, b = real[[E[k] for k in K], block], imaginary[[E[k] for k in K], block]
-        right = ca.vertcat(top[K, :], bottom[K, :])
-        used = sorted(set(right.sparsity().get_col()))
-        if used:
-            found = ca.solve(ca.blockcat([[a, -b], [b, a]]), -ca.densify(right[:, used]))
-            P_re[K, used], P_im[K, used] = found[: len(K), :], found[len(K) :, :]
+        used, re, im = _eliminated(a, b, ca.vertcat(top[K, :], bottom[K, :]))
+        P_re[K, used], P_im[K, used] = re, im
     padding = ca.SX(len(R), unit.shape[1])
     Z_re = ca.horzcat(Z_re, padding) + real[R, C] @ P_re - imaginary[R, C] @ P_im
     Z_im = ca.horzcat(Z_im, padding) + real[R, C] @ P_im + imaginary[R, C] @ P_re
@@ -144,11 +141,8 @@ def stiffness_slopes(
     for block in (_blocks(_links(parts), C) if E == C else [C]) if C else []:
         K = [C.index(i) for i in block]
         a, b = (w[[E[k] for k in K], block].T for w in (real, imaginary))
-        right = ca.vertcat(real[R, block].T, imaginary[R, block].T)
-        used = sorted(set(right.sparsity().get_col()))
-        if used:
-            found = ca.solve(ca.blockcat([[a, -b], [b, a]]), -ca.densify(right[:, used]))
-            L_re[used, K], L_im[used, K] = found[: len(K), :].T, found[len(K) :, :].T
+        used, re, im = _eliminated(a, b, ca.vertcat(real[R, block].T, imaginary[R, block].T))
+        L_re[used, K], L_im[used, K] = re.T, im.T
     slopes_re, slopes_im = [], []
     for variable in (kappa, *(p[i] for i in free)):
         d_re, d_im = (_slope(w, variable) for w in (real, imaginary))
@@ -160,6 +154,18 @@ def stiffness_slopes(
         slopes_im.append(ca.vec(kept_im + L_re @ below_im + L_im @ below_re))
     found = [ca.densify(ca.horzcat(*slopes)) for slopes in (slopes_re, slopes_im)]
     return ca.Function("Z_slopes", [kappa, p, P_re, P_im], ca.cse(found))
+
+
+def _eliminated(a: ca.SX, b: ca.SX, right: ca.SX) -> tuple[list[int], ca.SX, ca.SX]:
+    """Return the columns that are not empty of a right-hand side, and -(a + i b)^-1 of them, real and imaginary part.
+
+    The right-hand side has its real part above its imaginary part.
+    """
+    used = sorted(set(right.sparsity().get_col()))
+    if not used:
+        return used, ca.SX(a.shape[0], 0), ca.SX(a.shape[0], 0)
+    found = ca.solve(ca.blockcat([[a, -b], [b, a]]), -ca.densify(right[:, used]))
+    return used, found[: a.shape[0], :], found[a.shape[0] :, :]
 
 
 def _slope(matrix: ca.SX, variable: ca.SX) -> ca.SX:
