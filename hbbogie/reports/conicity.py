@@ -105,7 +105,7 @@ def conicity_of(
 
 
 def _of_points(name: str, curve: Conicity, change: NDArray[np.float64]) -> str:
-    """Return by how much conicities change without every other point of a profile, and where they are uncertain."""
+    """Return by how much conicities change without every other point of a profile; a warning where it is much."""
     if not np.isfinite(curve.equivalent).any():
         return f"{name}: no conicity by which to judge the distance of its points."
     worst = int(np.nanargmax(change))

@@ -51,8 +51,12 @@ def with_limit(report: Report, system: System, of: str, limit: float, quantity: 
     names = list(report.branches)
     branches = [report.branches[name] for name in names]
     line = LimitLine(limit, "limit", unit)
-    special = [SpecialPoint("limit met", c.parameter, c.value, (c.value, c.value), c.orbit, c.status) for _, c in points]
-    across = label(f"{system.parameter(branches[0].parameter).description} {branches[0].parameter}".strip(), branches[0].unit)
+    special = [
+        SpecialPoint("limit met", c.parameter, c.value, (c.value, c.value), c.orbit, c.status) for _, c in points
+    ]
+    across = label(
+        f"{system.parameter(branches[0].parameter).description} {branches[0].parameter}".strip(), branches[0].unit
+    )
     options = {"y": of, "quantity": quantity, "limits": [line], "special": special, "parameter_label": across}
     figures = {**report.figures, "limit": partial(draw, "branch", branches, **options)}
     sentences = [f"{_begun(_where(system, c))} {told}: {_influence(c)}." for _, c in points]
