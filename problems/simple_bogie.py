@@ -28,8 +28,8 @@ from typing import Any
 
 import casadi as ca
 
-from hbbogie import Coordinate, Element, Parameter, System
-from hbbogie.railway import VermeulenJohnson
+from hbbogie import Coordinate, Element, Output, Parameter, System
+from hbbogie.railway import VermeulenJohnson, frame_acceleration, guiding_forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,14 +81,15 @@ def simple_bogie(flange: bool = True, **parameters: float) -> System:
 
     creep = VermeulenJohnson(C, muN, psi=0.54219, phi=0.60252)
 
-    def contact(side: int) -> tuple[Any, Any]:
-        """Return the resistances Fx and Fy of a wheel [N] of the front (+1) or the rear (-1) wheelset."""
+    def contact(side: int) -> tuple[Any, Any, Any]:
+        """Return a wheel's resistances Fx and Fy and its loss per metre [N], front (+1) or rear (-1) wheelset."""
         longitudinal = a * q2.dot / V + lam / r0 * (q1 + side * ha * q2)
         lateral = q1.dot / V - q2 + side * ha * q2.dot / V
         on_wheel = creep.force(longitudinal, lateral)
-        return -on_wheel[0], -on_wheel[1]
+        lost = -(longitudinal * on_wheel[0] + lateral * on_wheel[1])
+        return -on_wheel[0], -on_wheel[1], lost
 
-    (Fx1, Fy1), (Fx2, Fy2) = contact(1), contact(-1)
+    (Fx1, Fy1, lost1), (Fx2, Fy2, lost2) = contact(1), contact(-1)
     FT1 = Element("front flange", SmoothFlange(k0), q1 + ha * q2)
     FT2 = Element("rear flange", SmoothFlange(k0), q1 - ha * q2)
     lateral = m * q1.ddot + 2 * D2 * q1.dot + 2 * k4 * q1 + 2 * (Fy1 + Fy2)
@@ -97,6 +98,14 @@ def simple_bogie(flange: bool = True, **parameters: float) -> System:
         equations, elements = [lateral + FT1 + FT2, yaw + ha * (FT1 - FT2)], [FT1, FT2]
     else:
         equations, elements = [lateral, yaw], []
+    outputs = [frame_acceleration("frame acceleration", q1, q2)]
+    for where, side, FT, Fy, lost in (("front", 1, FT1, Fy1, lost1), ("rear", -1, FT2, Fy2, lost2)):
+        outputs += [
+            frame_acceleration(f"frame acceleration, {where}", q1, q2, side * ha),
+            guiding_forces(f"guiding forces, {where}", 2 * Fy, *([FT] if flange else [])),
+            *([Output(f"flange force, {where}", FT, "N", "without the creep forces")] if flange else []),
+            Output(f"wear number, {where}", 2 * lost, "N", "T gamma of both wheels, energy lost per metre"),
+        ]
     system = System(
         "simple bogie",
         [q1, q2],
@@ -104,6 +113,7 @@ def simple_bogie(flange: bool = True, **parameters: float) -> System:
         equations,
         elements,
         description="rigid bogie with nonlinear creep, two coordinates",
+        outputs=outputs,
     )
     return system.with_parameters(**parameters)
 

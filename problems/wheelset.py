@@ -26,9 +26,18 @@ from typing import Any
 
 import numpy as np
 
-from hbbogie import Coordinate, Element, ModelError, Parameter, System
+from hbbogie import Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Spline, Tabulated
-from hbbogie.railway import Polach, contact_geometry, hertz_ellipse, kalker_coefficients, s1002, uic60
+from hbbogie.railway import (
+    Polach,
+    contact_geometry,
+    derailment_quotient,
+    guiding_forces,
+    hertz_ellipse,
+    kalker_coefficients,
+    s1002,
+    uic60,
+)
 
 POSITIVE, ANY_SIGN = (1e-12, 1e15), (0.0, 1e15)
 SMOOTHING = 1e-11  # m3, of the spline through the radius differences, which have a step
@@ -46,11 +55,18 @@ def wheelset(**parameters: float) -> System:
     lam = Parameter("lam", 0.2, "1", "conicity", ANY_SIGN)
     f11 = Parameter("f11", 9.4e6, "N", "longitudinal creep coefficient", ANY_SIGN)
     f22 = Parameter("f22", 8.7e6, "N", "lateral creep coefficient", ANY_SIGN)
-    Fx, Fy = f11 * (a * psi.dot / V + lam * y / r0), f22 * (y.dot / V - psi)
+    xi, eta = a * psi.dot / V + lam * y / r0, y.dot / V - psi
+    Fx, Fy = f11 * xi, f22 * eta
     flange = Element("flange", DeadBand(K0, y0), y)
     equations = [m * y.ddot + 2 * Fy + ky * y + flange, I * psi.ddot + 2 * a * Fx + kpsi * psi]
     system = System(
-        "wheelset", [y, psi], [*common, lam, f11, f22], equations, [flange], description="wheelset, linear creep"
+        "wheelset",
+        [y, psi],
+        [*common, lam, f11, f22],
+        equations,
+        [flange],
+        description="wheelset, linear creep",
+        outputs=_outputs(y, flange, Fy, xi * Fx + eta * Fy),
     )
     return system.with_parameters(**parameters)
 
@@ -83,7 +99,8 @@ def wheelset_on_profiles(difference: str = "lines", **parameters: float) -> Syst
     ellipse = hertz_ellipse(54.5e3, wheel_radius=0.46, rail_radius=0.3)
     c11, c22, c23, _ = kalker_coefficients(ellipse.a / ellipse.b)
     creep = Polach(ellipse.a, ellipse.b, ellipse.shear, c11, c22, c23, load=Q, friction=mu)
-    Fx, Fy = creep.force(a * psi.dot / V + rolling / (2 * r0), y.dot / V - psi)  # on the wheel
+    xi, eta = a * psi.dot / V + rolling / (2 * r0), y.dot / V - psi
+    Fx, Fy = creep.force(xi, eta)  # on the wheel
     flange = Element("flange", DeadBand(K0, y0), y)
     equations = [m * y.ddot - 2 * Fy + ky * y + flange, I * psi.ddot - 2 * a * Fx + kpsi * psi]
     system = System(
@@ -93,6 +110,10 @@ def wheelset_on_profiles(difference: str = "lines", **parameters: float) -> Syst
         equations,
         [rolling, flange],
         description="wheelset, S1002 on UIC60, creep of Polach",
+        outputs=[
+            *_outputs(y, flange, -Fy, -(xi * Fx + eta * Fy)),
+            derailment_quotient("Y/Q", flange - Fy, Q),
+        ],
     )
     return system.with_parameters(**parameters)
 
@@ -111,6 +132,16 @@ def _suspended(y0: float = 8e-3) -> tuple[Coordinate, Coordinate, list[Parameter
         Parameter("y0", y0, "m", "flange clearance", POSITIVE),
     ]
     return Coordinate("y", "m", "lateral"), Coordinate("psi", "rad", "yaw"), found, found
+
+
+def _outputs(y: Coordinate, flange: Element, Fy: Any, wear: Any) -> list[Output]:
+    """Return what is measured, from lateral resistance [N] and energy lost per metre [N] of one wheel."""
+    return [
+        Output("axle acceleration", y.ddot, "m/s2", "lateral acceleration of the wheelset"),
+        Output("flange force", flange, "N", "of the rail on the wheelset, without the creep forces"),
+        guiding_forces("guiding forces", 2 * Fy, flange),
+        Output("wear number", 2 * wear, "N", "T gamma of both wheels, energy lost per metre"),
+    ]
 
 
 def klingel_wavelength(a: float, r0: float, lam: float, lb: float = 0.0) -> float:

@@ -69,6 +69,7 @@ def run(
     "hbbogie branch yang1995 --range 80 120 --harmonics 31",
     "hbbogie branch yang1995 --parameter K1 --range 1e6 6e6 --set V=100",
     "hbbogie branch yang1995 --method exact",
+    'hbbogie branch yang1995 --meets "frame acceleration, front" 4',
 )
 def branch(
     name: Problem,
@@ -81,6 +82,15 @@ def branch(
         bool,
         typer.Option("--stability/--no-stability", help="Judge every cycle, locate bifurcations and follow them."),
     ] = True,
+    meets: Annotated[
+        tuple[str, float] | None,
+        typer.Option(
+            "--meets",
+            metavar="NAME LIMIT",
+            help="Also where a coordinate or output meets a limit, with the gradients of that place.",
+        ),
+    ] = None,
+    quantity: Annotated[str, typer.Option(help="Of --meets: rms, peak or first harmonic.")] = "rms",
     limit: Limit = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
@@ -89,12 +99,16 @@ def branch(
     """Follow the branches of cycles from all Hopf points over a range of a parameter."""
     from hbbogie.branches.diagram import bifurcation_diagram
     from hbbogie.commandline.terminal import deliver, progress_shown
+    from hbbogie.critical.limits import check_limit
     from hbbogie.model.problem import default_interval
     from hbbogie.model.ranges import check_interval
     from hbbogie.reports.cycles import report_of_diagram
+    from hbbogie.reports.limits import with_limit
     from hbbogie.reports.report import check_directory
 
     module, system = load(name, overrides)
+    if meets is not None:
+        check_limit(system, *meets, quantity)
     parameter, own = default_interval(module, system, parameter)
     limits = check_interval(system, parameter, interval or own)
     check_directory(output)
@@ -111,6 +125,9 @@ def branch(
             progress=progress,
         )
         found = in_time(limit, lambda: report_of_diagram(system, diagram()))
+        if meets is not None:
+            progress(f"where the limit of {meets[0]} is met", None)
+            found = with_limit(found, system, *meets, quantity)
         files = written(found, output, progress)
     deliver(found, files, as_json)
 

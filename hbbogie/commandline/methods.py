@@ -119,7 +119,7 @@ def chart(
     parameter: ParameterName = None,
     interval: Interval = None,
     method: Method = None,
-    harmonics: Harmonics = 15,
+    harmonics: Harmonics = None,
     secondary: Annotated[
         bool,
         typer.Option("--secondary", help="Look for folds also beside an equilibrium that is unstable on both sides."),

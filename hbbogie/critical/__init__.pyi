@@ -7,4 +7,5 @@ from .designs import critical_speeds_of as critical_speeds_of
 from .folds import fold as fold
 from .hopf_curve import HopfCurve as HopfCurve
 from .hopf_gradients import hopf_gradient as hopf_gradient
+from .limits import limit_points as limit_points
 from .speeds import critical_speeds as critical_speeds

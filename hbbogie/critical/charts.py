@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.choice import chosen_methods
-from hbbogie.branches.continuation import trace
+from hbbogie.critical.exact_fold_curve import ExactFoldCurve
+from hbbogie.critical.first_folds import exact_folds, harmonic_folds
 from hbbogie.critical.fold_curve import FoldCurve
 from hbbogie.critical.following import Followed, Test, both_ways, follow, not_covered, passes, plane, unresolved
 from hbbogie.critical.hopf_curve import HopfCurve
@@ -36,7 +37,8 @@ MORE_POINTS = 200  # where folds are looked for on all branches
 NEAR = 0.03  # of the chart's width and height: how far a curve of folds may stop from its end on a Hopf curve
 ROUND_OFF = 1e-14  # of the chart's width and height
 UNDECIDED = 1e-12  # Lyapunov coefficient that counts as zero
-CORNERS = 3  # grazing contacts that a curve of folds is followed across
+FOLLOWS = ("exact", "mhb")  # methods by which curves of folds are followed
+HARMONICS = 15  # where none are given
 
 
 @door(system=System, parameter=str, over=str)
@@ -48,7 +50,7 @@ def chart(
     *,
     span: tuple[float, float] | None = None,
     method: str = "auto",
-    harmonics: int = 15,
+    harmonics: int | None = None,
     secondary: bool = False,
     longest: float = 0.1,
     progress: Progress = silent,
@@ -68,10 +70,12 @@ def chart(
         Twice the parameter's value (at least 1) to either side, within its bounds, where left out.
     span : (float, float), optional, unit of the first parameter
         Where critical values are looked for; likewise.
-    method : {"auto", "mhb"}
-        Curves over two parameters are followed by multi-harmonic balance.
-    harmonics : int
-        Highest harmonic of the cycles.
+    method : {"auto", "exact", "mhb"}
+        By which folds are found and followed: "exact" in closed form, for systems that are linear between switchings;
+        "mhb" by multi-harmonic balance. "auto" is "exact" where that applies, and "mhb" for the branches that it does
+        not follow to their ends.
+    harmonics : int, optional
+        Highest harmonic of the cycles by harmonic balance, 15 where none is given; where it is given, "auto" is "mhb".
     secondary : bool
         Whether to look for folds also on the branches from Hopf points beside which the equilibrium is unstable on
         both sides.
@@ -98,11 +102,13 @@ def chart(
     system = system.with_parameters(**values)
     if parameter == over:
         raise ModelError(f"chart: both parameters are {parameter!r}; give two different ones.")
-    if "mhb" not in chosen_methods("chart", system, method, harmonics if method == "auto" else None):
+    methods = [name for name in chosen_methods("chart", system, method, harmonics) if name in FOLLOWS]
+    if not methods:
         raise ModelError(
             f'chart: method={method!r} follows no curve over two parameters; take method="mhb" with more harmonics, or '
             "critical_speeds, for many designs critical_speeds_of, at values of the second parameter."
         )
+    harmonics = HARMONICS if harmonics is None else harmonics
     whole("chart: harmonics", harmonics)
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")
@@ -111,7 +117,7 @@ def chart(
         check_interval(system, over, interval),
     )
     equations = HarmonicBalance(harmonics).equations(system)
-    search = _Search(equations, (parameter, over), window, longest)
+    search = _Search(equations, (parameter, over), window, longest, methods)
     for name, asked, kept in zip((parameter, over), (span, interval), window, strict=True):
         if asked is not None and tuple(map(float, asked)) != kept:
             search.notes.append(
@@ -135,8 +141,9 @@ class _Search:
         names: tuple[str, str],
         window: tuple[tuple[float, float], tuple[float, float]],
         longest: float,
+        methods: Sequence[str],
     ):
-        self.equations, self.names, self.longest = equations, names, longest
+        self.equations, self.names, self.longest, self.methods = equations, names, longest, methods
         self.span, self.interval = window
         own = equations.system.values[names[1]]
         places = {
@@ -178,49 +185,52 @@ class _Search:
     def folds_at(self, value: float, secondary: bool) -> None:
         """Find the folds on branches from the Hopf points at a value, and follow those on no curve found before."""
         name, over = self.names
-        equations = replace(self.equations, system=self._system_at(value))
+        most = MORE_POINTS if secondary else POINTS
+        system, window = self._system_at(value), (self.span, self.interval)
+        ways = {
+            "exact": partial(exact_folds, system, self.names, window, MORE_POINTS),
+            "mhb": partial(harmonic_folds, replace(self.equations, system=system), self.names, window, most),
+        }
         for hopf in (point for point, limit in self.starts[value] if limit or secondary):
-            folds: tuple[SpecialPoint, ...] = ()
-            with self._noted(f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"):
-                most = MORE_POINTS if secondary else POINTS
-                options: dict[str, Any] = {"families": False, "stability": False, "max_points": most}
-                branch = trace(equations, hopf, name, self.span, **options)
-                folds = branch.folds()
-                if branch.ends[1].kind == "points":
-                    self.notes.append(
-                        f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g} was cut off "
-                        f"after {most} points: folds farther along it are not found."
-                    )
-            for fold in folds:
-                with self._noted(f"The curve through the fold at {name} = {fold.value:g}, {over} = {value:g}"):
-                    if any(passes(other, fold, value) for other in self.folds):
-                        continue
-                    p = equations.system.vector(**{name: fold.value})
-                    own = equations.phased(fold.orbit)
-                    curve = FoldCurve(own, self.names, self.span, self.interval, p)
-                    self.folds.append(both_ways(curve.first(fold.orbit), partial(self._fold_pieces, curve)))
+            branch = f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"
+            why = ""
+            for method in self.methods:
+                try:
+                    folds, why = ways[method](hopf)
+                except FAILURES as error:
+                    why = f": {error}"
+                    continue
+                for fold, begin in folds:
+                    with self._noted(f"The curve through the fold at {name} = {fold.value:g}, {over} = {value:g}"):
+                        if not any(passes(other, fold, value) for other in self.folds):
+                            curve, first = begin()
+                            self.folds.append(both_ways(first, partial(self._fold_pieces, curve)))
+                if not why:
+                    break
+            if why:
+                self.notes.append(f"{branch}{why}")
 
     def _hopf_pieces(self, curve: HopfCurve, start: Point) -> list[Followed]:
         # where another contact is met first, the onset jumps
         return [follow(curve, start, HOPF_TESTS, ("onset",), self.longest)]
 
-    def _fold_pieces(self, curve: FoldCurve, start: Point) -> list[Followed]:
-        """Follow a curve of folds one way, across grazing contacts."""
-        pieces: list[Followed] = []
-        point: Point | None = start
-        while point is not None and len(pieces) <= CORNERS:
-            pieces.append(follow(curve, point, FOLD_TESTS, (), self.longest))
-            last = pieces[-1].points[-1]
+    def _fold_pieces(self, curve: FoldCurve | ExactFoldCurve, start: Point) -> list[Followed]:
+        """Follow a curve of folds one way, across grazing contacts and other changes of their order."""
+        pieces = [follow(curve, start, FOLD_TESTS, (), self.longest)]
+        while len(pieces) <= curve.corners:
+            curve, last = pieces[-1].curves[-1], pieces[-1].points[-1]
             stuck = pieces[-1].ends[1].kind == "stuck" and self._onset_near(plane(curve, last)) is None
-            point = curve.beyond(last) if stuck else None
+            if not stuck or (found := curve.beyond(last)) is None:
+                break
+            pieces.append(follow(*found, FOLD_TESTS, (), self.longest))
         return pieces
 
     def _onset_near(self, here: Array) -> tuple[Array, float] | None:
         """Return (omega, both parameters) and slope of the onset's change that is near a point, or None."""
         reach = NEAR * np.array([here[0], self.span[1] - self.span[0], self.interval[1] - self.interval[0]])
         for found in self.hopf:
-            for kind, point, state in found.marks:
-                there = plane(found.curve, point)
+            for kind, point, state, curve in found.marks:
+                there = plane(curve, point)
                 if kind == "onset" and (np.abs(there - here) <= reach).all():
                     return self._rounded(there), state.slope
         return None
@@ -300,14 +310,14 @@ class _Search:
         rest = {"slope": np.array(slopes), "character": tuple(character), "residual": np.array(error)}
         return _curve("fold", np.array(planes), side=side, ends=(ends[0], ends[1]), **rest)
 
-    def _special(self, curve: str, found: Followed) -> list[ChartPoint]:
+    def _special(self, of: str, found: Followed) -> list[ChartPoint]:
         special = []
-        for kind, point, state in found.marks:
+        for kind, point, state, curve in found.marks:
             name = kind if kind != "onset" else "onset changes" if state.grazing else "Bautin point"
-            omega, value, over = self._rounded(plane(found.curve, point))
+            omega, value, over = self._rounded(plane(curve, point))
             text = f"{MEANING[name].format(self.names[1])}; residual {point.error:.1e}"
             at = {"value": float(value), "over_value": float(over), "omega": float(omega)}
-            special.append(ChartPoint(kind=name, curve=curve, status=text, **at))
+            special.append(ChartPoint(kind=name, curve=of, status=text, **at))
         return special
 
 

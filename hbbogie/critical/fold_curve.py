@@ -46,6 +46,8 @@ class FoldCurve:
         Largest scaled residual.
     """
 
+    corners = 3  # grazing contacts that a curve of folds is followed across
+
     def __init__(
         self,
         equations: Equations,
@@ -166,8 +168,8 @@ class FoldCurve:
         phi = np.linalg.svd(J[:, : self.m])[2][-1]
         return float(phi @ H[: self.m, : self.m] @ phi)
 
-    def beyond(self, point: Point) -> Point | None:
-        """Return a point beyond one at which the curve is not smooth, where a contact grazes at the fold.
+    def beyond(self, point: Point) -> tuple[FoldCurve, Point] | None:
+        """Return this curve and a point beyond one at which it is not smooth, where a contact grazes at the fold.
 
         The branch of cycles is smooth there even so: it is followed at a slightly different value of the second
         parameter, and its fold taken. None where no fold is found.
@@ -180,7 +182,7 @@ class FoldCurve:
             if not low <= value <= high or (found := self._fold_at(point, value)) is None:
                 continue
             if abs(found.u[self.m] - expected) <= ASTRAY * leap * height:  # farther away there is another curve
-                return found if found.tangent[self.m + 1] * direction >= 0 else found.turned()
+                return self, found if found.tangent[self.m + 1] * direction >= 0 else found.turned()
         return None
 
     def _fold_at(self, point: Point, value: float) -> Point | None:

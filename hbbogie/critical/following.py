@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.results import SpecialPoint
 from hbbogie.results.chart import CriticalCurve
 from hbbogie.results.ending import Ending
 from hbbogie.solving.arclength import distance, landing, located, walk
@@ -19,6 +18,7 @@ from hbbogie.solving.curve import Point
 
 Array = NDArray[np.float64]
 Test = Callable[[Any, Point], float]
+Mark = tuple[str, Point, Any, Any]
 SAME = 1e-6  # distance up to which two points are one, of the frequency and of the chart's height
 VANISHED = 1e-6  # what may be left of a function where it changes its sign, in units of its values before and after
 
@@ -29,25 +29,26 @@ class Followed:
 
     Attributes
     ----------
-    curve : FoldCurve or HopfCurve
+    curves : list of FoldCurve, ExactFoldCurve or HopfCurve
+        One for each point, the same for points of one piece.
     points : list of Point
     states : list of FoldState or of HopfState
         One for each point.
-    marks : list of (str, Point, state)
+    marks : list of (str, Point, state, curve)
         Where a test changes its sign, with the name of the test.
     ends : (Ending, Ending)
         Why it ends where it begins and where it ends; the first is empty for a piece followed one way.
     """
 
-    curve: Any
+    curves: list[Any]
     points: list[Point]
     states: list[Any]
-    marks: list[tuple[str, Point, Any]]
+    marks: list[Mark]
     ends: tuple[Ending, Ending]
 
     def planes(self) -> Array:
         """Return omega and both parameters, shape (points, 3)."""
-        return np.array([plane(self.curve, point) for point in self.points])
+        return np.array([plane(curve, point) for curve, point in zip(self.curves, self.points, strict=True)])
 
 
 def follow(curve: Any, start: Point, tests: Mapping[str, Test], jumps: Container[str], longest: float) -> Followed:
@@ -66,9 +67,9 @@ def follow(curve: Any, start: Point, tests: Mapping[str, Test], jumps: Container
     """
     points, end = walk(curve, start, longest=longest)
     states = [curve.state(point) for point in points]
-    all_points, all_states, marks = points[:1], states[:1], []
+    all_points, all_states, marks = points[:1], states[:1], list[Mark]()
     for (a, b), (s, t) in zip(pairwise(points), pairwise(states), strict=True):
-        between: list[tuple[str, Point, Any]] = []
+        between: list[Mark] = []
         for kind, test in tests.items():
             before, after = test(s, a), test(t, b)
             if not before * after < 0:
@@ -77,15 +78,15 @@ def follow(curve: Any, start: Point, tests: Mapping[str, Test], jumps: Container
                 continue
             point, state = found[0], curve.state(found[0])
             if kind in jumps or abs(test(state, point)) <= VANISHED * max(abs(before), abs(after)):
-                between.append((kind, point, state))
+                between.append((kind, point, state, curve))
         between.sort(key=partial(_ahead, curve, a))
         marks += between
-        all_points += [*(point for _, point, _ in between), b]
-        all_states += [*(state for _, _, state in between), t]
-    return Followed(curve, all_points, all_states, marks, (Ending(), end))
+        all_points += [*(point for _, point, _, _ in between), b]
+        all_states += [*(state for _, _, state, _ in between), t]
+    return Followed([curve] * len(all_points), all_points, all_states, marks, (Ending(), end))
 
 
-def _ahead(curve: Any, start: Point, mark: tuple[str, Point, Any]) -> float:
+def _ahead(curve: Any, start: Point, mark: Mark) -> float:
     return distance(curve, start, mark[1])
 
 
@@ -104,25 +105,32 @@ def both_ways(first: Point, follow: Callable[[Point], list[Followed]]) -> Follow
     forward = follow(first)
     closed = forward[-1].ends[1].kind == "closed"
     backward = [] if closed else follow(first.turned())
-    points = [p for piece in backward for p in piece.points][:0:-1] + [p for piece in forward for p in piece.points]
-    states = [s for piece in backward for s in piece.states][:0:-1] + [s for piece in forward for s in piece.states]
+    curves, points, states = (
+        [x for piece in backward for x in getattr(piece, of)][:0:-1]
+        + [x for piece in forward for x in getattr(piece, of)]
+        for of in ("curves", "points", "states")
+    )
     marks = [m for piece in (*backward, *forward) for m in piece.marks]
     ends = (forward if closed else backward)[-1].ends[1], forward[-1].ends[1]
-    return Followed(forward[0].curve, points, states, marks, ends)
+    return Followed(curves, points, states, marks, ends)
 
 
-def passes(found: Followed, special: SpecialPoint, value: float) -> bool:
-    """Tell whether a curve passes through a special point at a value of the second parameter."""
-    curve, goal = found.curve, np.array([special.omega, special.value])
+def passes(found: Followed, special: Any, value: float) -> bool:
+    """Tell whether a curve passes through a point, of a value and a frequency, at a value of the second parameter."""
+    curve, goal = found.curves[0], np.array([special.omega, special.value])
     first = next(iter(curve.window))
-    last, size = first + 1, np.array([special.omega, np.ptp(curve.window[first])])
+    size = np.array([special.omega, np.ptp(curve.window[first])])
     planes = found.planes()
     here = np.append(goal, value)
-    if (np.abs(planes - here) <= SAME * np.append(size, np.ptp(curve.window[last]))).all(axis=1).any():
+    if (np.abs(planes - here) <= SAME * np.append(size, np.ptp(curve.window[first + 1]))).all(axis=1).any():
         return True
     for i, (a, b) in enumerate(pairwise(found.points)):
         if (planes[i, 2] - value) * (planes[i + 1, 2] - value) > 0 or planes[i, 2] == planes[i + 1, 2]:
             continue
+        curve = found.curves[i]
+        if found.curves[i + 1] is not curve:  # between two pieces
+            continue
+        last = next(iter(curve.window)) + 1
         curve.settle(a.u)
         point = landing(curve, a, b, last, value)
         if point is not None and (np.abs(plane(curve, point)[:2] - goal) <= SAME * size).all():
@@ -132,7 +140,8 @@ def passes(found: Followed, special: SpecialPoint, value: float) -> bool:
 
 def unresolved(found: Followed, name: str) -> str:
     """Return a sentence about the folds of a curve that are not resolved; empty where all are."""
-    over = [plane(found.curve, point)[2] for point in found.points if found.curve.doubt(point)]
+    pairs = zip(found.curves, found.points, strict=True)
+    over = [plane(curve, point)[2] for curve, point in pairs if curve.doubt(point)]
     if not over:
         return ""
     return (

@@ -5,21 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie import fourier
 from hbbogie.design.criteria import check_within
 from hbbogie.design.point import DesignPoint, Row, critical_rows, stable_cycle
-from hbbogie.errors import ModelError, named
+from hbbogie.errors import ModelError
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Orbit
-from hbbogie.results.failure import ConvergenceError
-from hbbogie.solving.expressions import Cycle
+from hbbogie.solving.measures import measured
 
 Array = NDArray[np.float64]
-SMOOTH = 1e-6  # slope at a peak, relative to the largest one over the period, beyond which the peak is at a kink
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +104,7 @@ class RootMeanSquare(OnCycle):
 
     def measured(self, equations: Equations, cycle: Orbit, z: Array, p: Array) -> tuple[float, Array]:
         """Return the value for a cycle, and its derivatives in (z, p)."""
-        value, d = equations.once(("rms", self.of), lambda: _mean_square(equations, self.of))(z, p)
-        return float(value), d.full().ravel()
+        return measured(equations, "rms", self.of, cycle, z, p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,53 +133,4 @@ class Peak(OnCycle):
 
     def measured(self, equations: Equations, cycle: Orbit, z: Array, p: Array) -> tuple[float, Array]:
         """Return the value for a cycle, and its derivatives in (z, p)."""
-        signal, slopes = equations.once(("peak", self.of), lambda: _signal(equations, self.of))
-        tau = fourier.phases(32 * (cycle.H + 1))
-        q, v = (cycle.omega**d * cycle.at(tau, d) for d in (0, 1))
-        s = signal.map(len(tau))(q.T, v.T, p).full().ravel()
-        best, sign = float(tau[np.argmax(np.abs(s))]), float(np.sign(s[np.argmax(np.abs(s))]))
-        for _ in range(4):
-            _, d1, d2, _ = slopes(best, z, p)
-            best -= float(np.clip(float(d1) / float(d2), -tau[1], tau[1])) if float(d2) else 0.0
-        peak, slope, _, d = slopes(best, z, p)
-        steepest = np.abs(np.diff(s, append=s[0])).max() / tau[1]
-        if abs(float(slope)) > SMOOTH * steepest or sign * float(peak) < np.abs(s).max() * (1 - SMOOTH):
-            raise ConvergenceError(
-                f"the {self.name} is at a kink, where it has no derivative: limit RootMeanSquare({self.of!r}, ...) "
-                "instead."
-            )
-        return sign * float(peak), sign * d.full().ravel()
-
-
-def _mean_square(equations: Equations, of: str) -> ca.Function:
-    """Return (z, p) -> root mean square, gradient in (z, p)."""
-    z, p = ca.MX.sym("z", equations.size), ca.MX.sym("p", len(equations.system.parameters))
-    rms = Cycle(equations, z, p).root_mean_square(of)
-    return ca.Function("rms", [z, p], [rms, ca.densify(ca.gradient(rms, ca.vertcat(z, p)))])
-
-
-def _signal(equations: Equations, of: str) -> tuple[ca.Function, ca.Function]:
-    """Return (q, v, p) -> signal, and (phase, z, p) -> signal, two derivatives in the phase, gradient in (z, p)."""
-    system = equations.system
-    H = (equations.coefficients.size1_out(0) - 1) // 2
-    tau, z, p = ca.MX.sym("tau"), ca.MX.sym("z", equations.size), ca.MX.sym("p", len(system.parameters))
-    h = ca.DM(np.arange(1, H + 1))
-    both = ca.vec(ca.horzcat(ca.cos(h * tau), ca.sin(h * tau)).T)
-    turned = ca.vec(ca.horzcat(-h * ca.sin(h * tau), h * ca.cos(h * tau)).T)
-    elements = {e.name: e for e in system.elements}
-    q, v = ca.MX.sym("q", system.n), ca.MX.sym("v", system.n)
-    named("Peak", "coordinate, element or output", of, (*system.coordinate_names, *elements, *system.output_names))
-    if of in elements:
-        value = elements[of].force(elements[of].argument(q, v, p), p)
-    elif of in system.output_names:
-        value = system.dynamics.measure(q, v, p)[system.output_names.index(of)]
-    else:
-        value = q[system.index(of)]
-    signal = ca.Function("signal", [q, v, p], [value])
-    c = equations.coefficients(z, p)
-    advance = ca.DM(equations.advance or np.zeros(system.n)).T / (2 * np.pi)
-    place = c[0, :] + both.T @ c[1:, :] + tau * advance
-    s = signal(place.T, (equations.frequency(z) * (turned.T @ c[1:, :] + advance)).T, p)
-    d1 = ca.gradient(s, tau)
-    slopes = ca.Function("slopes", [tau, z, p], [s, d1, ca.gradient(d1, tau), ca.gradient(s, ca.vertcat(z, p))])
-    return signal, slopes
+        return measured(equations, "peak", self.of, cycle, z, p)

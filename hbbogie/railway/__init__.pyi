@@ -22,3 +22,4 @@ from .quantities import frame_acceleration_limit as frame_acceleration_limit
 from .quantities import guiding_forces as guiding_forces
 from .quantities import guiding_forces_limit as guiding_forces_limit
 from .quantities import hunting_limit_fra as hunting_limit_fra
+from .sampling import sampling_error as sampling_error

@@ -32,7 +32,7 @@ def chart_of(
     parameter: str | None = None,
     span: tuple[float, float] | None = None,
     method: str = "auto",
-    harmonics: int = 15,
+    harmonics: int | None = None,
     secondary: bool = False,
 ) -> Report:
     """Follow folds and Hopf points of a problem over a second parameter.
@@ -52,8 +52,8 @@ def chart_of(
     span : (float, float), optional, unit of that parameter
     method : str
         As of `chart`.
-    harmonics : int
-        Highest harmonic of the cycles.
+    harmonics : int, optional
+        Highest harmonic of the cycles, as of `chart`.
     secondary : bool
         Whether to look for folds also on branches from Hopf points of an unstable equilibrium.
     """

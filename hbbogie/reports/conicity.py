@@ -7,11 +7,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.errors import ModelError, positive, unknown_name
 from hbbogie.railway.conicity import equivalent_conicity
 from hbbogie.railway.contact import contact_geometry
 from hbbogie.railway.profiles import Profile, read_rail, read_wheel, s1002, uic60
+from hbbogie.railway.sampling import sampling_error
 from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
@@ -20,6 +22,7 @@ from hbbogie.results.contact_geometry import ContactGeometry
 
 AMPLITUDES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)  # mm
 FINE = 0.1  # mm between the amplitudes of the curve
+COARSE = 0.03  # change of a conicity without every other point of a profile above which its points are too far apart
 SHIPPED_WHEELS, SHIPPED_RAILS = {"s1002": s1002}, {"uic60": uic60}
 
 
@@ -70,11 +73,13 @@ def conicity_of(
     other_rail = _profile(left_rail, SHIPPED_RAILS, reading) if left_rail else None
     half = int(np.floor(largest / step + 1e-9))
     shift = step * np.arange(-half, half + 1)
-    found = contact_geometry(
-        on_wheel, on_rail, shift, gauge=gauge, back_to_back=back_to_back, radius=radius,
-        left_wheel=other_wheel, left_rail=other_rail, left_radius=left_radius,
-    )  # fmt: skip
+    geometry = {
+        "gauge": gauge, "back_to_back": back_to_back, "radius": radius,
+        "left_wheel": other_wheel, "left_rail": other_rail, "left_radius": left_radius,
+    }  # fmt: skip
+    found = contact_geometry(on_wheel, on_rail, shift, **geometry)  # type: ignore[arg-type]
     shown = equivalent_conicity(shift, found.radius_difference, list(amplitudes))
+    changes = sampling_error(on_wheel, on_rail, shift, list(amplitudes), **geometry)  # type: ignore[arg-type]
     fine = np.arange(round(min(amplitudes) / FINE), round(max(amplitudes) / FINE) + 1) * FINE
     curve = equivalent_conicity(shift, found.radius_difference, fine[fine > 0] if len(fine) > 1 else list(amplitudes))
     title = f"{found.wheel} on {found.rail}"
@@ -89,6 +94,8 @@ def conicity_of(
         f"Rigid contact at gauge {gauge:g} mm, flanges {back_to_back:g} mm back to back, wheels of radius {radius:g} "
         f"mm{other}; shifts every {step:g} mm up to {largest:g} mm."
     ]
+    names = {"wheel": found.wheel, "rail": found.rail}
+    notes += [_of_points(names[part], shown, change) for part, change in changes.items()]
     if np.isnan(curve.equivalent).any():
         notes.append("Where no number is given by EN 15302 the wheelset does not swing about its centre.")
     data = {"gauge_mm": gauge, "back_to_back_mm": back_to_back, "radius_mm": radius}
@@ -97,12 +104,32 @@ def conicity_of(
     return Report(title, (table,), {}, figures, tuple(notes), data, long)
 
 
+def _of_points(name: str, curve: Conicity, change: NDArray[np.float64]) -> str:
+    """Return by how much conicities change without every other point of a profile; a warning where it is much."""
+    if not np.isfinite(curve.equivalent).any():
+        return f"{name}: no conicity by which to judge the distance of its points."
+    worst = int(np.nanargmax(change))
+    at = f"amplitude {curve.amplitude[worst]:g} mm"
+    if not np.isfinite(change[worst]):
+        return (
+            f"WARNING: the points of {name} are too far apart or too few: without every other of them there is no "
+            f"conicity at {at}, so that nothing tells how far the given ones are off. Give points closer together."
+        )
+    said = f"without every other point of {name} the conicity changes by up to {change[worst]:.2g}, at {at}"
+    if change[worst] <= COARSE:
+        return f"{said[0].upper()}{said[1:]}."
+    return (
+        f"WARNING: the points of {name} are too far apart: {said}, where it is {curve.equivalent[worst]:.3f}. Its error "
+        "may come near to that. Give points closer together."
+    )
+
+
 def conicity_table(curve: Conicity, title: str, name: str) -> Table:
     """Return conicities over the amplitude."""
     columns = (curve.amplitude, curve.equivalent, curve.least_squares, curve.harmonic, curve.centre)
     rows = [tuple(float(v) if np.isfinite(v) else None for v in row) for row in zip(*columns, strict=True)]
     heads = ("amplitude [mm]", "EN 15302", "least squares", "describing function", "centre [mm]")
-    return Table(name, title, heads, tuple(rows), (".1f", ".4f", ".4f", ".4f", ".3f"))
+    return Table(name, title, heads, tuple(rows), (".1f", ".4f", ".4f", ".4f", "z.3f"))
 
 
 def contact_table(found: ContactGeometry) -> Table:

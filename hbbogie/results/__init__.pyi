@@ -8,6 +8,7 @@ from .conicity import Conicity as Conicity
 from .contact_geometry import ContactGeometry as ContactGeometry
 from .critical import Critical as Critical
 from .critical import Criticals as Criticals
+from .critical import LimitPoint as LimitPoint
 from .cycles import Cycles as Cycles
 from .ending import Ending as Ending
 from .equilibria import Equilibria as Equilibria

@@ -21,7 +21,7 @@ class Critical:
 
     Attributes
     ----------
-    kind : {"hopf", "fold"}
+    kind : {"hopf", "fold", "limit"}
     parameter : str
     value : float, unit of the parameter
     extremum : {"minimum", "maximum", ""}
@@ -85,6 +85,26 @@ class Critical:
         """Relative change of the value per relative change of each parameter [1]: d ln value / d ln p; NaN at 0."""
         p = self.orbit.parameters
         return {n: slope * p[n] / self.value if self.value else float("nan") for n, slope in self.gradient.items()}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LimitPoint(Critical):
+    """A value of a parameter at which a cycle meets a limit.
+
+    Attributes
+    ----------
+    of : str
+        Name of the coordinate or output.
+    quantity : {"rms", "peak", "first harmonic"}
+    limit : float, its unit
+    per_limit : float, unit of the parameter per unit of the limit
+        Derivative of the value with respect to the limit.
+    """
+
+    of: str
+    quantity: str
+    limit: float
+    per_limit: float
 
 
 class Criticals(list[Critical]):
