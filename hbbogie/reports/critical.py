@@ -235,8 +235,8 @@ def _disturbances(system: System, both: list[Coexistence], unit: str) -> Table |
         cells.append((o.parameters[name], *which, *peaks[id(o)], outside))
     formats = [".7g", *[".5g"] * (len(both) > 1), *[""] * bool(system.groups), *[".5g"] * len(shown), ""]
     note = (
-        "The smallest cycle of each branch, where that is unstable. With one multiplier outside the unit circle it lies "
-        "on a border: along its shape larger motions grow to a cycle, smaller ones shrink. With more it lies on none."
+        "The smallest cycle of each branch, where that is unstable. With one multiplier outside the unit circle it "
+        "lies on a border: along its shape larger motions grow, smaller ones shrink. With more it lies on none."
     )
     return Table("disturbance", "Disturbance that starts cycles", tuple(columns), tuple(cells), tuple(formats), (note,))
 
