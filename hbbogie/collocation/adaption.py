@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 RESIDUAL = 1e-7  # largest scaled residual from which one more step of Newton is taken
 AIM = 0.03  # share of the tolerance that the error of a new mesh should have
 ROUND = 8  # multiples of it are numbers of intervals, so that compiled functions are used again
-CLOSE = 1e-7  # step after which contact times are right to its square
+NEARLY, CLOSE = 1e-4, 1e-7  # steps after which contact times are right to their squares: nearly, and so that they stay
+PREDICTED = 1e-3  # largest scaled residual of a point that is settled on its own contact times next
 FARTHEST = 2.0  # largest scaled step towards contact times
 SECANTS, MET = 40, 1e-10  # steps towards a special point, and the length of the last
 Placed = tuple[OnMeshCurve, Point]
@@ -41,28 +42,38 @@ def adapted_to(curve: OnMeshCurve, point: Point, N: int, fixed: int | None = Non
     Contact times become points of the mesh; a time that is off by a little moves the motion by the square of that.
     """
     equations, u = adapted(curve.equations, point.u, N)
+    kinked = equations.rates.kinked
+    size = np.inf if kinked else 0.0  # of the last step
     for _ in range(SETTLING):
         there, along = _onto(curve, point, equations, u)
         plane = along
         if fixed is not None:
             plane = np.zeros(len(u))
             plane[fixed] = 1.0
-        plane = plane / np.linalg.norm(plane)
-        mesh, step = None, np.zeros(1)
-        if equations.rates.kinked:
+        plane, before = plane / np.linalg.norm(plane), u
+        if size <= NEARLY:
+            found, _ = correct(there, u, plane)
+            if found is None:
+                return None
+            u = found.u
+            size = float(np.abs((u - before) / there.scale).max())
+            if not kinked or size <= CLOSE:
+                there.tolerance = PREDICTED if kinked else there.tolerance
+                return there, found if found.tangent @ along >= 0 else found.turned()
+        else:
             line = there.linearise(u)
             try:
                 step, _ = line.solve(plane, -np.append(line.residual, 0.0))
             except np.linalg.LinAlgError:
                 return None
-            if not np.abs(step).max() <= FARTHEST:
+            u, size = u + there.scale * step, float(np.abs(step).max())
+            if not size <= FARTHEST:
                 return None
-            u = u + there.scale * step
-            mesh = through_contacts(there.equations, u)
-        if mesh is None or np.abs(step).max() <= CLOSE:
-            found, _ = correct(there, u, plane)
-            return None if found is None else (there, found if found.tangent @ along >= 0 else found.turned())
-        equations, u = there.equations.moved(mesh, equations.m, u)
+        mesh, equations = through_contacts(there.equations, u), there.equations
+        if mesh is None:
+            size = 0.0  # all contact times are points of the mesh
+        else:
+            equations, u = equations.moved(mesh, equations.m, u)
     return None
 
 

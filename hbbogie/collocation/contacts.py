@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 
 from hbbogie.collocation.equations import OnMesh
-from hbbogie.polynomials import evaluated, within
+from hbbogie.polynomials import evaluated, gauss, within
 
 Array = NDArray[np.float64]
 MET = 1e-12  # distance of a contact time from a point of the mesh, as a share of the period, up to which it is there
 SETTLED = 1e-12  # change of the scaled unknowns below which contact times are right, as of one that only just touches
 FINE = 8  # parts of an interval in each of which a contact is looked for
-SECANTS = 12  # steps towards a contact time
+SECANTS, SAME = 12, 1e-15  # steps towards a contact time, and the last in shares of the interval
 
 
 def contact_times(equations: OnMesh, u: Array) -> Array:
@@ -39,18 +40,26 @@ def contact_times(equations: OnMesh, u: Array) -> Array:
 
 
 def _roots(mesh: Array, depths: Array, ramp: NDArray[np.int_], low: Array, high: Array) -> Array:
-    """Return where depths vanish between two times each, by secants that keep it between them (Illinois)."""
-    each, middle = np.arange(len(ramp)), low
-    ends, values = [low, high], [evaluated(mesh, depths, s)[each, ramp] for s in (low, high)]
-    for _ in range(SECANTS if len(ramp) else 0):
-        difference = values[0] - values[1]
+    """Return where depths vanish between two times in an interval, by secants that keep it between them (Illinois)."""
+    if not len(ramp):
+        return low
+    g, h = gauss(depths.shape[1] - 1), np.diff(mesh)
+    i = np.clip(np.searchsorted(mesh, low, side="right") - 1, 0, len(h) - 1)
+    coefficients = g.to_legendre @ depths[i, :, ramp].T
+    ends = [(low - mesh[i]) / h[i], (high - mesh[i]) / h[i]]
+    values = [legval(2 * theta - 1, coefficients, tensor=False) for theta in ends]
+    middle = ends[0]
+    for _ in range(SECANTS):
+        last, difference = middle, values[0] - values[1]
         share = np.divide(values[0], difference, out=np.zeros_like(low), where=difference != 0)
         middle = ends[0] + np.clip(share, 0.0, 1.0) * (ends[1] - ends[0])
-        value = evaluated(mesh, depths, middle)[each, ramp]
+        if np.abs(middle - last).max() <= SAME:
+            break
+        value = legval(2 * middle - 1, coefficients, tensor=False)
         first = (value > 0) == (values[0] > 0)
         values = [np.where(first, value, 0.5 * values[0]), np.where(first, 0.5 * values[1], value)]
         ends = [np.where(first, middle, ends[0]), np.where(first, ends[1], middle)]
-    return middle
+    return np.asarray(mesh[i] + h[i] * middle)
 
 
 def through(mesh: Array, times: Array) -> Array:

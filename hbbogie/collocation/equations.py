@@ -128,6 +128,11 @@ class OnMesh:
         """Where ramps act, for each stage, shape (N m, number of ramps)."""
         return None if self.sides is None else np.repeat(self.sides, self.m, axis=0)
 
+    @property
+    def kinks(self) -> NDArray[np.bool_] | None:
+        """Whether ramps act differently before and behind the beginning of each interval, shape (N,)."""
+        return None if self.sides is None else (self.sides != np.roll(self.sides, 1, axis=0)).any(axis=1)
+
     def at_phase(self, u: Array) -> OnMesh:
         """Return the equations with the phase taken from unknowns."""
         return replace(self, reference=self.unpack(u)[0])
@@ -213,14 +218,13 @@ class Linearised:
         G = -end[..., n:]
         G[..., 2] = right[k:-2].reshape(N, n) - G[..., 2]
         rows = np.stack([self.phase.reshape(N, m * n), plane[:k].reshape(N, m * n)], axis=1)
-        border = (rows @ response).swapaxes(0, 1)
-        corner = border[..., n:].sum(axis=1)
+        border = rows @ response
+        corner = border[..., n:].sum(axis=0)
         corner[1, :2] += plane[-2:]
         corner[:, 2] = right[-2:] - corner[:, 2]
         border = border[..., :n]
-        border[1] += plane[k:-2].reshape(N, n)
-        eye = np.broadcast_to(np.eye(n), (N, n, n))
-        self.reduced = reduced(-self.transitions, eye, G, border, corner)
+        border[:, 1] += plane[k:-2].reshape(N, n)
+        self.reduced = reduced(self.transitions, G, border, corner)
         states, rest = self.reduced.solve(shortest)
         factors = np.ones((N, n + 3, 1))
         factors[:, :n, 0], factors[:, n : n + 2, 0] = states, rest

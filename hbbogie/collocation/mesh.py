@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from hbbogie.polynomials import gauss
 
 Array = NDArray[np.float64]
-NEAR = 1e-6  # distance, as a share of the period, up to which a point of the mesh is that of a kink
+ROUND_OFF = 1e-13  # of scaled values
 FLOOR = 0.1  # share of its mean below which the density of a mesh does not fall
 
 
-def equidistributed(mesh: Array, values: Array, N: int, kinks: Array | None = None) -> Array:
+def equidistributed(mesh: Array, values: Array, N: int, kinks: NDArray[np.bool_] | None = None) -> Array:
     """Return the mesh of N intervals on which a piecewise polynomial of degree m has equal errors.
 
     Equal are the integrals of the (m + 1)-th root of the derivative of order m + 1, which is taken from the jumps of
@@ -24,19 +24,20 @@ def equidistributed(mesh: Array, values: Array, N: int, kinks: Array | None = No
     values : ndarray, shape (M, m + 1, n)
         Scaled, at the beginnings of the intervals and their Gauss points.
     N : int
-    kinks : ndarray, optional
-        Points of the mesh at which the motion itself has a kink, which is no error.
+    kinks : ndarray of bool, shape (M,), optional
+        Whether the motion itself has a kink where an interval begins, which is no error.
     """
     h, m = np.diff(mesh), values.shape[1] - 1
-    top = np.einsum("k,ikn->in", gauss(m).leading, values) / h[:, None] ** m
-    jumps = np.abs(top - np.roll(top, 1, axis=0)) / (0.5 * (h + np.roll(h, 1)))[:, None]
-    known = np.ones(len(h))
-    if kinks is not None and len(kinks):
-        known = (np.abs(mesh[:-1, None] - kinks).min(axis=1) > NEAR).astype(float)
+    leading = gauss(m).leading
+    top = np.einsum("k,ikn->in", leading, values) / h[:, None] ** m
+    noise = ROUND_OFF * np.abs(leading).sum() / h[:, None] ** m
+    jumps = np.abs(top - np.roll(top, 1, axis=0)) - noise - np.roll(noise, 1, axis=0)  # between tiny intervals
+    jumps = np.maximum(jumps, 0.0) / (0.5 * (h + np.roll(h, 1)))[:, None]
+    known = np.ones(len(h)) if kinks is None else 1.0 - kinks
     sides = known + np.roll(known, -1)  # of each interval at which the jump tells the error
     both = known[:, None] * jumps + np.roll(known[:, None] * jumps, -1, axis=0)
     size = (both / np.maximum(sides, 1.0)[:, None]).max(axis=1)
-    size = np.where(sides > 0, size, (np.abs(top) / h[:, None]).max(axis=1))
+    size = np.where(sides > 0, size, (np.maximum(np.abs(top) - noise, 0.0) / h[:, None]).max(axis=1))
     return spread(mesh, size ** (1 / (m + 1)), N)
 
 

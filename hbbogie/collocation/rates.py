@@ -61,15 +61,8 @@ class Rates:
         given = sides is not None and self.kinked
         key = ("rates", self.place, K, given)
         function = self.system.once(key, lambda: _mapped(self.system, self.place, K, given))
-        buffer, evaluate = function.buffer()  # without copies to and from CasADi's matrices
-        arguments = [np.ascontiguousarray(x), np.ascontiguousarray(p)]
-        arguments += [np.ascontiguousarray(sides, dtype=float)] if sides is not None and given else []
         f, A, slope = np.empty((K, n)), np.empty((K, n, n)), np.empty((K, n))
-        for i, values in enumerate(arguments):
-            buffer.set_arg(i, values.data)
-        for i, values in enumerate((f, A, slope)):
-            buffer.set_res(i, values.data)
-        evaluate()
+        _evaluate(function, [x, p, *([sides] if sides is not None and given else [])], [f, A, slope])
         return f, A.swapaxes(1, 2), slope
 
     def of_one(self, p: Array) -> Callable[[Array], tuple[Array, Array]]:
@@ -113,8 +106,11 @@ class Rates:
         x : ndarray, shape (K, n_states)
         p : ndarray, shape (number of parameters,)
         """
-        function = self.system.once("depths", lambda: _depths(self.system))
-        return np.asarray(function(x.T, p).full().T)
+        K, ramps = len(x), self.system.once("depths", lambda: _depths(self.system))
+        function = self.system.once(("depths", K), lambda: ramps.map("depths", "serial", K, [1], []))
+        depths = np.empty((K, ramps.size1_out(0)))
+        _evaluate(function, [x, p], [depths])
+        return depths
 
     def sensitivity(self, x: Array, p: Array, weights: Array, sides: Array | None = None) -> Array:
         """Return the sum over the states of weights . df/dp, shape (number of parameters,).
@@ -131,6 +127,17 @@ class Rates:
         function = self.system.once(key, lambda: _sensitivity(self.system, len(x), given))
         arguments = (x.T, p, weights.T, sides.T) if sides is not None and given else (x.T, p, weights.T)
         return np.asarray(function(*arguments).full().sum(axis=1))
+
+
+def _evaluate(function: ca.Function, arguments: list[Array], results: list[Array]) -> None:
+    """Evaluate a function in place, without copies to and from CasADi's matrices."""
+    buffer, evaluate = function.buffer()
+    arguments = [np.ascontiguousarray(values, dtype=float) for values in arguments]
+    for i, values in enumerate(arguments):
+        buffer.set_arg(i, values.data)
+    for i, values in enumerate(results):
+        buffer.set_res(i, values.data)
+    evaluate()
 
 
 def _rates(system: System, given: bool) -> tuple[ca.SX, ca.SX, list[ca.SX], ca.SX]:
@@ -154,15 +161,19 @@ def _depths(system: System) -> ca.Function:
     depths = []
     for e in contacts_of(system):
         depths.append(ca.DM(e.directions) * e.argument(q, v, p) - e.ramps(p)[3])
-    return ca.Function("depths", [x, p], [ca.vertcat(*depths)])
+    return ca.Function("depths", [x, p], [ca.densify(ca.vertcat(*depths))])
 
 
 def _mapped(system: System, place: int | None, K: int, given: bool) -> ca.Function:
+    one = system.once(("rates of one", place, given), lambda: _of_one(system, place, given))
+    return one.map("rates", "serial", K, [1], [])
+
+
+def _of_one(system: System, place: int | None, given: bool) -> ca.Function:
     x, p, sides, f = _rates(system, given)
     slope = ca.SX.zeros(system.n_states) if place is None else ca.jacobian(f, p[place])
     outputs = [ca.densify(f), ca.vec(ca.densify(ca.jacobian(f, x))), ca.densify(slope)]
-    one = ca.Function("rates", [x, p, *sides], outputs)
-    return one.map("rates", "serial", K, [1], [])
+    return ca.Function("rates", [x, p, *sides], outputs)
 
 
 def _sensitivity(system: System, K: int, given: bool) -> ca.Function:

@@ -175,9 +175,8 @@ def errors_of(equations: OnMesh, u: Array, plane: Array | None = None) -> tuple[
 
 def adapted(equations: OnMesh, u: Array, N: int) -> tuple[OnMesh, Array]:
     """Return the equations on the mesh of N intervals on which the errors of a cycle are equal, and the unknowns."""
-    values, times = equations.unpack(u)[0], contact_times(equations, u)
-    mesh = equidistributed(equations.mesh, values / equations.size, N, times)
-    return equations.moved(through(mesh, times), equations.m, u)
+    mesh = equidistributed(equations.mesh, equations.unpack(u)[0] / equations.size, N, equations.kinks)
+    return equations.moved(through(mesh, contact_times(equations, u)), equations.m, u)
 
 
 def settled(equations: OnMesh, u: Array, line: Linearised) -> tuple[OnMesh, Array, Linearised]:

@@ -205,31 +205,30 @@ def test_motions_without_a_cycle():
 @pytest.mark.parametrize("N", [1, 2, 7, 16, 23])
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_elimination_is_a_dense_solve(N, n):
-    """IDENTITY: solution, sign of the determinant between two right sides, and adjoint."""
+    """IDENTITY: solution, adjoint and sign of the determinant, of states that grow little, much, and by turns."""
     rng = np.random.default_rng(N + 100 * n)
-    C, D = rng.standard_normal((2, N, n, n))
-    G, border, corner = rng.standard_normal((N, n, 3)), rng.standard_normal((2, N, n)), rng.standard_normal((2, 3))
-    dense, right = np.zeros((N * n + 2, N * n + 2)), np.zeros(N * n + 2)
-    for i in range(N):
-        rows, here, there = (slice(k * n, (k + 1) * n) for k in (i, i, (i + 1) % N))
-        dense[rows, here] += C[i]
-        dense[rows, there] += D[i]
-        dense[rows, N * n :], right[rows] = G[i, :, :2], G[i, :, 2]
-    dense[N * n :] = np.hstack([border.reshape(2, -1), corner[:, :2]])
-    right[N * n :] = corner[:, 2]
-    found = reduced(C, D, G, border, corner)
-    x, rest = found.solve()
-    size = np.linalg.cond(dense)
-    assert np.append(x, rest) == pytest.approx(np.linalg.solve(dense, right), abs=1e-12 * size)
-    states, two = found.adjoint()
-    unit = np.append(np.zeros(N * n + 1), 1.0)
-    assert np.append(states, two) == pytest.approx(np.linalg.solve(dense.T, unit), abs=1e-12 * size)
-    turned = corner.copy()
-    turned[1, :2] *= -1
-    other = dense.copy()
-    other[-1] *= -1
-    ratio = np.linalg.slogdet(other)[0] * np.linalg.slogdet(dense)[0]
-    assert reduced(C, D, G, border * [[[1]], [[-1]]], turned).sign * found.sign == ratio == -1
+    signs = []
+    for growth in (0.1, 10.0, 0.01 ** rng.uniform(-1, 1, (N, 1, 1))):
+        W, H = growth * rng.standard_normal((N, n, n)), rng.standard_normal((N, n, 3))
+        border, corner = rng.standard_normal((N, 2, n)), rng.standard_normal((2, 3))
+        dense, right = np.zeros((N * n + 2, N * n + 2)), np.zeros(N * n + 2)
+        for i in range(N):
+            rows, here, there = (slice(k * n, (k + 1) * n) for k in (i, i, (i + 1) % N))
+            dense[rows, here] -= W[i]
+            dense[rows, there] += np.eye(n)
+            dense[rows, N * n :], right[rows] = H[i, :, :2], H[i, :, 2]
+        dense[N * n :] = np.hstack([border.swapaxes(0, 1).reshape(2, -1), corner[:, :2]])
+        right[N * n :] = corner[:, 2]
+        found = reduced(W, H, border, corner)
+        x, rest = found.solve()
+        size = np.linalg.cond(dense)
+        exact = np.linalg.solve(dense, right)
+        assert np.append(x, rest) == pytest.approx(exact, rel=1e-12 * size, abs=1e-13 * size * np.abs(exact).max())
+        states, two = found.adjoint()
+        exact = np.linalg.solve(dense.T, np.append(np.zeros(N * n + 1), 1.0))
+        assert np.append(states, two) == pytest.approx(exact, rel=1e-12 * size, abs=1e-13 * size * np.abs(exact).max())
+        signs.append(found.sign * np.linalg.slogdet(dense)[0])
+    assert signs[0] == signs[1] == signs[2]  # one factor for all systems of this size
 
 
 def test_gauss_points():
