@@ -195,6 +195,9 @@ def _followed(rest: Rest, box: Box, roots: Array, switching: bool, notes: list[s
             branches[twin] = max(branches[twin], branch, key=lambda b: b.length)
             continue
         branches.append(branch)
+        if queue:
+            elsewhere = ~branch.holds(curve, np.array(queue))
+            queue = [u for u, other in zip(queue, elsewhere, strict=True) if other]
         for turn in branch.turns if switching else ():
             queue += crossing(rest, box, branch, turn)
         if switching:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.equilibria.curve import RestBranch
+from hbbogie.equilibria.curve import MANY_STATES, NODES, RestBranch
 from hbbogie.equilibria.hopf_equations import confirm
 from hbbogie.equilibria.rest import Rest
 from hbbogie.equilibria.search import Box, newton
@@ -16,8 +16,6 @@ from hbbogie.equilibria.spectrum import ON_AXIS, Pairing, eigenpairs, spectra, s
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-NODES = (65, 17)  # least number of points at which eigenvalues are computed: of few states, and of many
-MANY_STATES = 100
 DEEPEST = 18  # bisections of a step
 DEEPEST_OF_REAL = 3  # the same where both eigenvalues are real, as beside folds
 MOST_STEPS = (3000, 150)  # largest number of points at which eigenvalues are computed: of few states, and of many

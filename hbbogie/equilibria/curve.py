@@ -16,6 +16,8 @@ from hbbogie.solving.arclength import correct, landing, walk
 from hbbogie.solving.curve import Dense, Point
 
 Array = NDArray[np.float64]
+NODES = (65, 17)  # points at which a branch that need not be followed is looked at: of few states, and of many
+MANY_STATES = 100
 STEP, LONGEST, MOST = 0.02, 0.1, 400  # in scaled arclength
 GROWING, LEGS = 4.0, 30  # a coordinate beyond so many of its scales gets a new one, so many times
 FARTHEST = 1e8  # scales of a coordinate beyond which a branch is given up
@@ -114,16 +116,15 @@ class RestBranch:
         """Length of the curve in the interval of the parameter, each part counted, unit of the parameter."""
         return float(np.abs(np.diff(self.u[:, -1])).sum())
 
+    def holds(self, curve: RestCurve, u: Array) -> NDArray[np.bool_]:
+        """Tell which equilibria, shape (N, m + 1), lie on the lines between its points, which needs no closer look."""
+        return np.asarray(self._beside(curve, u)[2].min(axis=1) <= 1e-3 * SAME)
+
     def passes(self, curve: RestCurve, u: Array) -> bool:
         """Tell whether the branch passes through an equilibrium."""
-        scaled = np.maximum(self.scale, curve.scale) * np.where(curve.weights, 1.0, np.inf)
-        a, along = self.u[:-1] / scaled, np.diff(self.u / scaled, axis=0)
+        scaled, along = self._chords(curve)
         size = np.maximum((along**2).sum(axis=1), 1e-300)
-        turn = np.append(curve.rest.turns, np.zeros(curve.rest.level.k + 1))
-        turns = turn * np.round((u - self.u[:-1]) / np.where(turn, turn, np.inf))
-        near = (u - turns) / scaled  # of an angle, the one near by
-        share = np.clip(((near - a) * along).sum(axis=1) / size, 0.0, 1.0)
-        off = np.linalg.norm(a + share[:, None] * along - near, axis=1)
+        near, share, off = (x[0] for x in self._beside(curve, u[None]))
         for i in np.argsort(off)[:3]:
             u = near[i] * np.where(curve.weights, scaled, 1.0)
             if off[i] > 0.3 * np.sqrt(size[i]) + SAME:
@@ -137,6 +138,24 @@ class RestBranch:
                 return True
         return False
 
+    def _chords(self, curve: RestCurve) -> tuple[Array, Array]:
+        """Return the scales in which distances are measured, and the scaled lines between successive points."""
+        scaled = np.maximum(self.scale, curve.scale) * np.where(curve.weights, 1.0, np.inf)
+        return scaled, np.diff(self.u / scaled, axis=0)
+
+    def _beside(self, curve: RestCurve, u: Array) -> tuple[Array, Array, Array]:
+        """Return equilibria, scaled, an angle by the turn near each line; their feet on the lines; their distances.
+
+        Each has the shape (N, lines, ...).
+        """
+        scaled, along = self._chords(curve)
+        size = np.maximum((along**2).sum(axis=1), 1e-300)
+        turn, u = np.append(curve.rest.turns, np.zeros(curve.rest.level.k + 1)), u[:, None]
+        turns = turn * np.round((u - self.u[:-1]) / np.where(turn, turn, np.inf))
+        near, a = (u - turns) / scaled, self.u[:-1] / scaled
+        share = np.clip(((near - a) * along).sum(axis=-1) / size, 0.0, 1.0)
+        return near, share, np.linalg.norm(a + share[..., None] * along - near, axis=-1)
+
 
 def scaled_step(curve: RestCurve, direction: Array, length: float) -> Array:
     """Return a step along a scaled direction, in the units of the unknowns."""
@@ -145,6 +164,8 @@ def scaled_step(curve: RestCurve, direction: Array, length: float) -> Array:
 
 def follow(rest: Rest, box: Box, root: Array) -> RestBranch | None:
     """Return the branch through an equilibrium, or None where none can be followed from it."""
+    if not root[:-1].any() and (branch := _at_zero(rest, box)) is not None:
+        return branch
     curve = RestCurve(rest, box, box.scale)
     start, along_p = None, np.eye(rest.m + 1)[-1]
     for normal in (along_p, *_null(curve, root)):
@@ -163,6 +184,23 @@ def follow(rest: Rest, box: Box, root: Array) -> RestBranch | None:
     u, t = (np.array([side[i] for side in sides]) for i in (0, 1))
     length = np.linalg.norm(t / scale * curve.weights, axis=1)
     return RestBranch(u, t / length[:, None], scale, ends)
+
+
+def _at_zero(rest: Rest, box: Box) -> RestBranch | None:
+    """Return the branch on which all unknowns but the parameter are zero, where there is one: it need not be followed.
+
+    As elsewhere, a fold or branch point of it shows at the points on both sides.
+    """
+    nodes = NODES[rest.system.n_states > MANY_STATES]
+    u = np.zeros((nodes, rest.m + 1))
+    u[:, -1] = np.linspace(box.low[-1], box.high[-1], nodes)
+    with np.errstate(all="ignore"):
+        G, J = rest.evaluate(u)
+    if not box.holds(u).all() or G.any() or J[..., -1].any() or not np.isfinite(J).all() or rest.singular(u).any():
+        return None
+    curve, t = RestCurve(rest, box, box.scale), np.zeros(u.shape)
+    t[:, -1] = box.scale[-1]
+    return RestBranch(u, t, box.scale, tuple(curve.at(rest.m, float(value)) for value in u[[0, -1], -1]))
 
 
 def _null(curve: RestCurve, u: Array) -> list[Array]:

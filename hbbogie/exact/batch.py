@@ -18,7 +18,9 @@ from hbbogie.exact.walk import SHORT
 
 Array = NDArray[np.float64]
 
-CHUNK = 64  # cycles solved for together, as many as fit into the cache
+LESSONS = 2  # designs for each coefficient of a polynomial from which guesses for others follow
+CHUNK = 24  # cycles solved for together, as many as fit into the cache
+REFILLED = 4  # free places among them at which new ones come in
 ITERATIONS = 14
 TOLERANCE = 1e-10  # largest scaled residual of a fold's conditions before the last correction
 FINAL = 1e-9  # size of the last correction; the remaining error is of the order of its square
@@ -75,62 +77,100 @@ class Nominal:
 
     def starts(self, p: Array) -> dict[int, Start]:
         """Return guesses for designs by first-order extrapolation in the logarithms of the parameters."""
-        usable = (p * self.p > 0) & (np.arange(len(self.p)) != self.closing.place)
-        change = np.log(np.where(usable, p, 1.0) / np.where(usable, self.p, 1.0)) * self.p
+        change = self._changes(p) * self.p
         y = self.start.y + change @ self._shifts.T
         y[:, -1] = self.start.y[-1] * np.exp(y[:, -1] / self.start.y[-1] - 1.0)
         return {d: replace(self.start, y=y[d]) for d in range(len(p))}
 
     def near(self, p: Array) -> dict[int, Fold]:
-        """Return the folds of designs that Newton's method reaches from this one, by the number of the design."""
-        return solve(self, p, self.starts(p))
+        """Return the folds of designs that Newton's method reaches from this one, by the number of the design.
+
+        Of many designs, the folds of a few tell better guesses for the others, by a polynomial of the second degree.
+        """
+        starts = self.starts(p)
+        forms = _quadratics(self._changes(p))
+        lessons = LESSONS * forms.shape[1]
+        if len(p) < 2 * lessons:
+            return solve(self, p, starts)
+        first = [int(d) for d in np.linspace(0, len(p) - 1, lessons)]
+        found = solve(self, p, {d: starts[d] for d in first})
+        alike = [d for d, fold in found.items() if fold.closing.sequence == self.start.sequence]
+        if len(alike) > forms.shape[1]:
+            learnt = []
+            for name in "yvw":
+                guess = np.array([getattr(start, name) for start in starts.values()])
+                missing = np.array([getattr(found[d].start, name) for d in alike]) - guess[alike]
+                learnt.append(guess + forms @ np.linalg.lstsq(forms[alike], missing, rcond=1e-9)[0])
+            starts = {d: Start(self.start.sequence, *(guess[d] for guess in learnt)) for d in starts}
+        return found | solve(self, p, {d: start for d, start in starts.items() if d not in first})
+
+    def _changes(self, p: Array) -> Array:
+        """Return the changes of the logarithms of the parameters, 0 of the parameter itself and where there is none."""
+        usable = (p * self.p > 0) & (np.arange(len(self.p)) != self.closing.place)
+        return np.log(np.where(usable, p, 1.0) / np.where(usable, self.p, 1.0))
+
+
+def _quadratics(x: Array) -> Array:
+    """Return the monomials up to the second degree in the columns that are not constant, one row for each of x."""
+    x = x[:, np.ptp(x, axis=0) > 0]
+    i, j = np.triu_indices(x.shape[1])
+    return np.hstack([np.ones((len(x), 1)), x, x[:, i] * x[:, j]])
 
 
 def solve(nominal: Nominal, p: Array, starts: dict[int, Start]) -> dict[int, Fold]:
     """Return the folds that Newton's method reaches from the given starts, in batches with the same sequence."""
     found: dict[int, Fold] = {}
-    while starts:
-        groups: dict[Sequence, list[int]] = defaultdict(list)
-        for d, start in starts.items():
-            groups[start.sequence].append(d)
-        again: dict[int, Start] = {}
-        for sequence, members in groups.items():
-            for i in range(0, len(members), CHUNK):
-                some = members[i : i + CHUNK]
-                closing = _closing(nominal, sequence, p[some])
-                for folds, numbers in _newton(closing, np.array(some), [starts[d] for d in some]):
-                    new, changed = _judged(folds, numbers, starts)
-                    found |= new
-                    again |= changed
-        starts = again
+    waiting: dict[Sequence, dict[int, Start]] = defaultdict(dict)
+    for d, start in starts.items():
+        waiting[start.sequence][d] = start
+    while waiting:
+        sequence = max(waiting, key=lambda s: len(waiting[s]))
+        given = waiting.pop(sequence)
+        for folds, numbers in _newton(nominal, sequence, p, given):
+            new, changed = _judged(folds, numbers, given)
+            found |= new
+            for d, start in changed.items():
+                waiting[start.sequence][d] = start
     return found
 
 
-def _closing(nominal: Nominal, sequence: Sequence, p: Array) -> Closing:
-    """Return the equations of designs with the same sequence."""
-    frame: Frame = nominal.closing.frame.of(np.zeros(len(p), dtype=int))
-    return replace(nominal.closing, sequence=sequence, p=p, frame=frame)
-
-
 def _newton(
-    closing: Closing, members: NDArray[np.int_], starts: list[Start]
+    nominal: Nominal, sequence: Sequence, p: Array, starts: dict[int, Start]
 ) -> Iterable[tuple[Folds, NDArray[np.int_]]]:
-    """Yield folds as they are found, with the numbers of their designs. Failures are skipped."""
-    y, v, w = (np.array([getattr(s, name) for s in starts]) for name in "yvw")
-    for _ in range(ITERATIONS):
+    """Yield folds as they are found, with the numbers of their designs. Failures are skipped.
+
+    As many designs as `CHUNK` are solved for together; new ones come in for those that are done.
+    """
+    waiting = np.array(list(starts))
+    every = [np.array([getattr(start, name) for start in starts.values()]) for name in "yvw"]
+    y, v, w = (a[:0] for a in every)
+    members, steps = waiting[:0], waiting[:0]
+    ready: list[tuple[Folds, NDArray[np.int_]]] = []
+    while len(members) or len(waiting):
+        free = CHUNK - len(members)
+        if free >= REFILLED or not len(members):
+            y, v, w = (np.concatenate([a, b[:free]]) for a, b in zip((y, v, w), every, strict=True))
+            members, every = np.append(members, waiting[:free]), [a[free:] for a in every]
+            steps, waiting = np.append(steps, 0 * waiting[:free]), waiting[free:]
+            frame: Frame = nominal.closing.frame.of(np.zeros(len(members), dtype=int))
+            closing = replace(nominal.closing, sequence=sequence, p=p[members], frame=frame)
         try:
             found, step = fold_step(closing, y, v, w)
         except np.linalg.LinAlgError:
-            return
-        done = (found.error <= TOLERANCE) & (found.step <= FINAL)
-        if done.any():
-            yield replace(found, y=y + step).of(done), members[done]
-        keep = ~done & np.isfinite(step).all(axis=1)
-        if not keep.any():
-            return
-        y = y + step * np.minimum(1.0, FARTHEST / np.maximum(found.step, 1e-300))[:, None]
-        y, v, w, members = y[keep], found.v[keep], found.w[keep], members[keep]
-        closing = replace(closing, p=closing.p[keep], frame=closing.frame.of(keep))
+            y, v, w, members, steps = y[:0], v[:0], w[:0], members[:0], steps[:0]
+        else:
+            steps = steps + 1
+            done = (found.error <= TOLERANCE) & (found.step <= FINAL)
+            if done.any():
+                ready.append((replace(found, y=y + step).of(done), members[done]))
+            keep = ~done & np.isfinite(step).all(axis=1) & (steps < ITERATIONS)
+            y = y + step * np.minimum(1.0, FARTHEST / np.maximum(found.step, 1e-300))[:, None]
+            y, v, w, members, steps = y[keep], found.v[keep], found.w[keep], members[keep], steps[keep]
+            closing = replace(closing, p=closing.p[keep], frame=closing.frame.of(keep))
+        if ready and (sum(len(numbers) for _, numbers in ready) >= CHUNK or not len(members) + len(waiting)):
+            folds, numbers = zip(*ready, strict=True)
+            yield Folds.joined(list(folds)), np.concatenate(numbers)
+            ready = []
 
 
 def _judged(

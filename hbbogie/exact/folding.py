@@ -8,11 +8,12 @@ condition is g = 0, where g follows from a bordered system with v and w (eq-exac
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.exact.closing import Closing, Linearised
+from hbbogie.exact.closing import Closing, Frame, Linearised
 from hbbogie.exponential import exponentials_with_derivative
 
 Array = NDArray[np.float64]
@@ -61,6 +62,23 @@ class Folds:
         )
         numbers = (a[some] for a in (self.curvature, self.error, self.step))
         return Folds(closing, self.y[some], self.v[some], self.w[some], at, *numbers)
+
+    @staticmethod
+    def joined(parts: list[Folds]) -> Folds:
+        """Return folds with one sequence as one batch."""
+        first, frames, ats = parts[0], [f.closing.frame for f in parts], [f.at for f in parts]
+
+        def stacked(of: list[Any], name: str, axis: int = 0) -> Array:
+            return np.concatenate([getattr(one, name) for one in of], axis=axis)
+
+        frame = Frame(*(stacked(frames, name) for name in ("state", "rate", "rows", "parameter")))
+        closing = replace(first.closing, p=stacked([f.closing for f in parts], "p"), frame=frame)
+        at = Linearised(
+            **{f: stacked(ats, f) for f in ("F", "J", "A", "dA", "rows", "drows", "L", "nodes")},
+            E=[np.concatenate(e) for e in zip(*(at.E for at in ats), strict=True)],
+            moved=stacked(ats, "moved", 1),
+        )
+        return Folds(closing, *(stacked(parts, f) for f in ("y", "v", "w")), at, *(stacked(parts, f) for f in ("curvature", "error", "step")))
 
 
 def null_vectors(at: Linearised) -> tuple[Array, Array]:

@@ -14,14 +14,13 @@ from hbbogie.errors import door, pair
 from hbbogie.exact.changes import across, beyond, rotated, sound
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of
-from hbbogie.exact.points import Point, correct, unit
+from hbbogie.exact.points import FINAL, Point, correct, unit
 from hbbogie.exact.touching import consistent, depths
 from hbbogie.results.ending import Ending
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-11  # largest scaled residual of a fold
-PREDICTED = 1e-2  # distance of the predicted point from the branch for which the step remains unchanged
 SHORTEST = 1e-5  # step at which the walk gives up
 NEARER = 1e-3  # step below which a change of the sequence is passed without being located
 SHORT = 1e-4  # scaled duration of a contact below which its vanishing would be mistaken for a fold
@@ -30,7 +29,7 @@ BEGAN = Ending("began", "the linear cycles of the Hopf point first touch a conta
 BISECTIONS = 8  # bisections between two points in search of a fold
 
 
-def predicted(before: Point | None, here: Point, s: float) -> Array:
+def ahead(before: Point | None, here: Point, s: float) -> Array:
     """Return the point at a distance s on the cubic through two points and their tangents, or on the tangent alone."""
     t = here.tangent
     if before is None or len(before.y) != len(here.y) or before.closing is not here.closing:
@@ -58,7 +57,14 @@ class Walk:
 
 @door(first=Point)
 def follow(
-    first: Point, window: tuple[float, float], *, step: float = 0.05, longest: float = 1.0, most: int = 400
+    first: Point,
+    window: tuple[float, float],
+    *,
+    step: float = 0.05,
+    longest: float = 1.0,
+    most: int = 400,
+    predicted: float = 1e-2,
+    final: float = FINAL,
 ) -> Walk:
     """Follow a branch from a point in the direction of its tangent.
 
@@ -85,7 +91,7 @@ def follow(
                 points, Ending("limit", f"the time limit was reached at {here.value:g}", "raise limit to go on")
             )
         low, high = (v / here.closing.frame.parameter[0] for v in window)
-        there, off = correct(here.closing, predicted(before, here, length), here.tangent)
+        there, off = correct(here.closing, ahead(before, here, length), here.tangent, final)
         if there is None or there.tangent @ here.tangent < 0.5:
             length /= 3
             if length < SHORTEST:
@@ -127,7 +133,7 @@ def follow(
         points += [*turns, changed]
         same = changed.closing is here.closing
         before, here = (here, changed) if same else (None, changed)
-        factor = min(2.0, max(0.4, (PREDICTED / max(off, 1e-12)) ** (0.25 if before else 0.5)))
+        factor = min(2.0, max(0.4, (predicted / max(off, 1e-12)) ** (0.25 if before else 0.5)))
         size = float(np.abs(here.y[: here.closing.n]).max())
         if size > LARGEST:
             return Walk(points, Ending("beyond", f"the motion is {LARGEST:g} times as large as where the branch began"))

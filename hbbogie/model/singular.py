@@ -120,12 +120,18 @@ def _zeros(function: Callable[[float], float], grid: Array, d: Array) -> list[fl
 
 
 def _near_zeros(function: Callable[[float], float], grid: Array, d: Array, size: float) -> Iterable[float]:
-    for i, value in enumerate(d):
-        if abs(value) <= size:
+    away = np.abs(d)
+    zero = away <= size
+    crosses, dips = np.zeros((2, len(d)), dtype=bool)
+    with np.errstate(invalid="ignore"):
+        crosses[1:] = (d[1:] * d[:-1] < 0) & (away[:-1] > size)
+        dips[1:-1] = (away[1:-1] < np.minimum(away[:-2], away[2:])) & (d[1:-1] * d[2:] > 0)
+    for i in map(int, np.flatnonzero(zero | crosses | dips)):
+        if zero[i]:
             yield float(grid[i])
-        elif i and value * d[i - 1] < 0 and abs(d[i - 1]) > size:
+        elif crosses[i]:
             yield float(brentq(function, grid[i - 1], grid[i], xtol=1e-14))
-        elif 0 < i < len(d) - 1 and size < abs(value) < min(abs(d[i - 1]), abs(d[i + 1])) and value * d[i + 1] > 0:
+        else:
             dip = minimize_scalar(
                 lambda v: abs(function(v)),
                 bounds=(grid[i - 1], grid[i + 1]),
