@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.decaying import decays
-from hbbogie.branches.motions import recurrences, sample_distance, state_of
+from hbbogie.branches.motions import AT_REST, recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings, distinct
 from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives
 from hbbogie.branches.relaxation import on_one_of, settled, solved
-from hbbogie.branches.same import alike, signature
+from hbbogie.branches.same import alike, peaks_near, signature
 from hbbogie.branches.starts import Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
 from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
@@ -21,6 +21,7 @@ from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
 from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.scales import amplitude_scale
+from hbbogie.methods.size import has_many_states
 from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
 from hbbogie.motion.energy import alone
@@ -75,7 +76,7 @@ class Census:
         self.on_branch: list[bool] = []  # whether the branch of each cycle was followed
         self.failures, self.unsettled, self.running = 0, 0, ""
         self.undecided = {False: 0, True: 0}  # motions, by whether backwards in time
-        self.walker, self.polishing = Walker(system, parameter, self.span), Polishing(system, parameter)
+        self.walker, self.polishing = Walker(system, parameter, self.span), Polishing(system, parameter, self.found)
         self.open: list[str] = []  # what was not followed to its end
         self.walked: list[
             tuple[Walked, str]
@@ -205,6 +206,8 @@ class Census:
     def _motion(self, there: System, sense: bool, where: str, x: Array, h: float, size: Array) -> str:
         """Follow a motion; return what it came to, for people."""
         known = [signature(_turned(o) if sense else o) for o in self.found]
+        if has_many_states(self.system):  # to look whether harmonics confirm a recurrence takes little time
+            self.failures = 0
         for met in recurrences(there, x, h, size, known):
             if met.kind == "cycle" and met.orbit is not None:
                 if met.state is not None and met.orbit.tail > ROUGH:  # samples miss what is steep
@@ -301,10 +304,16 @@ class Census:
             return False
         times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
         once = orbit.replace(omega=times * orbit.omega, advance=tuple(by / times for by in orbit.advance))
-        if near and not alike(polished, once, 0.05):
+        if near and not self._ends_there(once, polished):
             return False
         self._keep(polished, origin, on_branch=on_branch)
         return True
+
+    def _ends_there(self, recurrence: Orbit, polished: Orbit) -> bool:
+        """Tell whether a cycle is the one that a motion comes to, of which a recurrence is known."""
+        if has_many_states(self.system):  # what hardly moves has not come to rest when the recurrence is taken
+            return peaks_near(polished, recurrence, AT_REST)
+        return alike(polished, recurrence, 0.05)
 
     def _keep(self, polished: Orbit, origin: str, mark: Array | None = None, *, on_branch: bool = False) -> None:
         """Add a cycle to those found, if it is new; its mark tells it from others better than that of its harmonics."""

@@ -43,14 +43,16 @@ def _to(system: System, x: Array, e: Equilibrium) -> bool:
         share = 0.5**k
         if time_is_over():
             return False
-        try:
-            after = states_after(system, e.x + share * away, p, time / SAMPLES, TIMES * SAMPLES, TOLERANCE)
-        except ConvergenceError:
-            return False
-        motion = np.vstack([share * away, after - e.x]) @ modes.T / share
-        distance = np.linalg.norm(motion[::SAMPLES], axis=1)
-        if not np.isfinite(distance).all() or (distance[1:] > limit * distance[:-1]).any():
-            return False
+        after = [e.x + share * away]
+        for _ in range(TIMES):
+            try:
+                after.extend(states_after(system, after[-1], p, time / SAMPLES, SAMPLES, TOLERANCE))
+            except ConvergenceError:
+                return False
+            motion = (np.array(after) - e.x) @ modes.T / share
+            distance = np.linalg.norm(motion[::SAMPLES], axis=1)
+            if not np.isfinite(distance).all() or distance[-1] > limit * distance[-2]:
+                return False
         if len(before) and np.abs(motion - before).max() <= LINEAR * np.abs(motion).max():
             return True
         before = motion

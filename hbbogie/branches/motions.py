@@ -19,11 +19,12 @@ from hbbogie.errors import ModelError
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.system import System
 from hbbogie.model.turns import changed, turns_of
-from hbbogie.motion.integration import initial_state, states_after
+from hbbogie.motion.integration import initial_state, states_after, states_in_steps
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.periodic import FourierSeries
 from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.sparse_transitions import radius
 from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ TOLERANCE = 1e-7  # of the integration
 SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
 NEAR = 0.1  # distance from an equilibrium, likewise, beyond which a motion that hardly moves is not at rest
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
+NEARLY = 0.1  # the same of many states, where Newton's method leads on to the cycle
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 AT_REST = 1e-2  # range of a state of many, relative to the largest, up to which it counts as none
 CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
@@ -152,14 +154,16 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     """
     p, elapsed = system.vector(), 0.0
     turns = np.append(turns_of(system.dynamics), np.zeros(system.n_states - system.n))
-    least = AT_REST if has_many_states(system) else 0.0  # what hardly moves, far from what does, need not come back
+    many = has_many_states(system)
+    least = AT_REST if many else 0.0  # what hardly moves, far from what does, need not come back
     orbit: Orbit | None = None
-    closest = RECURS
+    closest, rate = (NEARLY, _rate(system, x, p)) if many else (RECURS, np.inf)
     for _ in range(CHUNKS):
         if time_is_over():
             break
         try:
-            states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE)])
+            later = states_in_steps(system, x, p, h, CHUNK, rate) if many else None
+            states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE) if later is None else later])
         except ConvergenceError:
             kind = _lost(system, x, p, h, size)
             yield Recurrence(kind, orbit if kind == "undecided" else None, elapsed)
@@ -179,7 +183,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
             yield Recurrence("running", None, elapsed, running)
             return
         spread = np.where(turns, np.minimum(spread, turns), spread)
-        found = _recurrence(states, np.maximum(spread, least * spread.max()), turns)
+        found = _recurrence(states, np.maximum(spread, least * spread.max()), turns, NEARLY if many else ONE_RETURN)
         if found is None:
             h *= 2
             continue
@@ -202,6 +206,13 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
         if back > CHUNK // 4:
             h *= 2
     yield Recurrence("undecided", orbit, elapsed, state=x)
+
+
+def _rate(system: System, x: Array, p: Array) -> float:
+    """Return the largest modulus of the eigenvalues at a state and at rest [1/s]; infinite where there are none."""
+    matrices = (system.ode_jacobian(at, p).sparse().tocsr() for at in (x, np.zeros(len(x))))
+    sizes = [radius(matrix) if np.isfinite(matrix.data).all() else np.inf for matrix in matrices]
+    return max(sizes)
 
 
 def _lost(system: System, x: Array, p: Array, h: float, size: Array) -> str:
@@ -228,10 +239,9 @@ def _speed(system: System, x: Array, p: Array, size: Array) -> float:
 
 def _running(system: System, states: Array, h: float) -> tuple[str, float] | None:
     """Return an angle that goes on by a turn while all else comes back, and the time of a turn; None without one."""
-    for i in np.flatnonzero(angles_of(system)):
+    far = np.abs(states[0] - states[-1])[: system.n] >= 3 * TURN
+    for i in np.flatnonzero(far & (angles_of(system) > 0)) if far.any() else ():
         back = np.abs(states[:, i] - states[-1, i])
-        if back[0] < 3 * TURN:
-            continue
         k = int(np.flatnonzero(back >= TURN)[-1])  # the last sample a turn ago
         if len(states) - k < 12:
             continue
@@ -267,10 +277,10 @@ def _whole(difference: Array, turns: Array) -> Array:
     return np.asarray(turns * np.round(difference / np.where(turns, turns, np.inf)) + 0.0)
 
 
-def _recurrence(states: Array, spread: Array, turns: Array) -> tuple[float, float] | None:
+def _recurrence(states: Array, spread: Array, turns: Array, enough: float) -> tuple[float, float] | None:
     """Return after how many samples the end of a motion was met before, and how closely, relative to the ranges.
 
-    A state is met where angles are whole turns away, too.
+    A state is met where angles are whole turns away, too. The first return that is close ``enough`` counts.
     """
     wide = np.where(spread > 1e-9 * spread.max(), spread, np.inf)
     away_by = states[::-1] - states[-1]
@@ -286,7 +296,7 @@ def _recurrence(states: Array, spread: Array, turns: Array) -> tuple[float, floa
     lowest = np.sort(low[np.argsort(d[low])[:CANDIDATES]]) + int(away[0])
     shifts = (states[-1] + _whole(states[last - k] - states[-1], turns) for k in lowest)
     returns = [_closest(states / wide, last - k, end / wide) for k, end in zip(lowest, shifts, strict=True)]
-    near = max(2 * min(gap for _, gap in returns), ONE_RETURN)
+    near = max(2 * min(gap for _, gap in returns), enough)
     # the first return is a period, later ones are several
     place, gap = next(r for r in returns if r[1] <= near)
     return last - place, gap

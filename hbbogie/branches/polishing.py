@@ -40,12 +40,15 @@ class Polishing:
     system : System
     parameter : str
         Over which branches are followed, for messages.
+    known : list of Orbit
+        Cycles found already; may grow.
     family : str
         What to say where a candidate was one of a continuous family, empty so far.
     """
 
     system: System
     parameter: str
+    known: list[Orbit]
     family: str = field(default="")
 
     def polished(self, orbit: Orbit, finer_harmonics: tuple[int, ...] = FINER) -> Orbit | None:
@@ -58,7 +61,7 @@ class Polishing:
             return None
         if has_many_states(self.system):
             try:
-                return self.isolated(by_harmonics(self.system, orbit))
+                return self.isolated(by_harmonics(self.system, orbit, self.known))
             except FAILURES:
                 return None
         if orbit.tail > UNRESOLVED and (cycle := solved(self.system, from_orbit(self.system, orbit))) is not None:

@@ -18,6 +18,7 @@ BLOCKS = 6  # numbers of a signature for each coordinate
 SAME = 1e-6  # distance of the periods up to which two polished cycles may be one
 AS_FAR = 100.0  # distance of means and extremes, which are those of samples, relative to that of the periods
 ABSENT = 1e-6  # share of a coordinate's largest harmonic up to which another one is not there
+PERIODS, PEAKS = 0.05, 0.3  # distance of periods and, relative to the range, of extremes that are about the same
 ROUND_OFF = 1e-13  # the same relative to the size of the coordinate, which may rest
 ON_EDGE = 1e-6  # share of a turn by which half a turn and half a turn back are told from one another
 RESOLVED, ROUGH = 1e-6, 0.05  # tail of a series whose extremes are good, and distance of the extremes of others
@@ -59,6 +60,21 @@ def alike(a: Orbit, b: Orbit, share: float = SAME) -> bool:
     width = np.maximum(width, 1e-6 * width.max())
     far = max(min(AS_FAR * share, 0.3), ROUGH if max(a.tail, b.tail) > RESOLVED else 0.0)
     return bool((np.abs(first - second) <= far * width).all())
+
+
+def peaks_near(a: Orbit, b: Orbit, least: float) -> bool:
+    """Tell whether two cycles have about the same period and extremes; what moves less than ``least`` does not count.
+
+    Parameters
+    ----------
+    a, b : Orbit
+    least : float
+        Range of a coordinate, relative to the largest of all.
+    """
+    (low, high), other = a.extremes, b.extremes
+    width = np.maximum(high - low, least * (high - low).max())
+    away = np.abs(np.array([low, high]) - other)
+    return bool(abs(a.omega / b.omega - 1) <= PERIODS and (away <= PEAKS * width).all())
 
 
 def of_prime_period(orbit: Orbit, turns: ArrayLike = (), absent: float = ABSENT, rest: float = 0.0) -> Orbit:

@@ -25,6 +25,7 @@ MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the mem
 NEWTON_STEPS = 3  # Newton steps for the time of a jump inside a step, starting from linear interpolation
 BRIEF = 2000  # largest number of CVODES steps between two samples in `states_after`
 TOO_LARGE = 1e12  # no state of a physical model is larger
+PART, MOST_PARTS = 0.6, 16  # product of fixed steps and the fastest rate, and steps between two samples at most
 
 
 @door(system=System)
@@ -198,6 +199,27 @@ def states_after(
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]
         raise ConvergenceError(f"system {system.name!r}: CVODES gave up within {count * h:g} s ({reason}).") from error
+
+
+def states_in_steps(system: System, x: Array, p: Array, h: float, count: int, rate: float) -> Array | None:
+    """Return what `states_after` does, by fixed steps of the classical Runge-Kutta method.
+
+    None where that would take many steps, or where the motion leaves every bound, be it by the method.
+
+    Parameters
+    ----------
+    rate : float, 1/s
+        Largest modulus of the eigenvalues along the motion, roughly.
+    """
+    parts = max(1, int(np.ceil(h * rate / PART)))
+    if parts > MOST_PARTS:
+        return None
+    found = []
+    for _ in range(parts):
+        found.append(_advance(system, "rk4", 0.0, count, x, p, h / parts, 0.0))
+        x = found[-1][-1]
+    states = np.concatenate(found)[parts - 1 :: parts]
+    return states if (np.abs(states) < TOO_LARGE).all() else None
 
 
 def runge_kutta_step(f: Callable[[ca.SX], ca.SX], x: ca.SX, h: ca.SX) -> ca.SX:

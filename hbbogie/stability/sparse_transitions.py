@@ -55,10 +55,11 @@ def _entries(matrix: ca.Function) -> ca.Function:
 def spectral_radius(waveforms: Waveforms, x: Array, lines: Array, of: int) -> float:
     """Return the largest modulus of the state matrix's eigenvalues at varying states and lines of an orbit [1/s]."""
     sparse = SparseMatrices(waveforms, of)
-    return max(_radius(sparse.matrix(values)) for values in sparse.values(x, lines))
+    return max(radius(sparse.matrix(values)) for values in sparse.values(x, lines))
 
 
-def _radius(matrix: csr_matrix) -> float:
+def radius(matrix: csr_matrix) -> float:
+    """Return the largest modulus of the eigenvalues of a sparse matrix, right to a hundredth."""
     try:
         found = eigs(matrix, k=1, which="LM", v0=np.ones(matrix.shape[0]), tol=1e-2, return_eigenvectors=False)
     except ArpackNoConvergence:
@@ -84,21 +85,24 @@ def group_matrices(waveforms: Waveforms, mesh: Array, of: int) -> tuple[Array, f
         start, half, end = (sparse.values(waveforms.states(tau, of), lines) for tau in (part[:-1], middle, part[1:]))
         traces = (start + 4 * half + end)[:, sparse.diagonal].sum(axis=1) / 6
         trace += float(h @ traces)
-        matrices = [tuple(map(sparse.matrix, rows)) for rows in zip(start, half, end, strict=True)]
+        matrix, rows = sparse.matrix(start[0]), list(zip(start, half, end, strict=True))
         blocks = [  # a few columns at a time stay in the cache
-            _stepped(h, matrices, np.eye(sparse.n)[:, c : c + COLUMNS]) for c in range(0, sparse.n, COLUMNS)
+            _stepped(h, matrix, rows, np.eye(sparse.n)[:, c : c + COLUMNS]) for c in range(0, sparse.n, COLUMNS)
         ]
         found.append(np.hstack(blocks))
     return np.array(found), trace
 
 
-def _stepped(steps: Array, matrices: list[tuple[csr_matrix, ...]], Phi: Array) -> Array:
-    """Return a matrix after fourth-order Runge-Kutta steps of Phi' = A(t) Phi, given A at three times of each."""
-    for h, (A, B, C) in zip(steps, matrices, strict=True):
+def _stepped(steps: Array, A: csr_matrix, entries: list[tuple[Array, ...]], Phi: Array) -> Array:
+    """Return a matrix after fourth-order Runge-Kutta steps of Phi' = A(t) Phi, given A's entries at three times."""
+    for h, (start, half, end) in zip(steps, entries, strict=True):
+        A.data = start  # a new matrix would take as long as its product
         k1 = A @ Phi
-        k2 = B @ (Phi + 0.5 * h * k1)
-        k3 = B @ (Phi + 0.5 * h * k2)
-        k1 += C @ (Phi + h * k3)
+        A.data = half
+        k2 = A @ (Phi + 0.5 * h * k1)
+        k3 = A @ (Phi + 0.5 * h * k2)
+        A.data = end
+        k1 += A @ (Phi + h * k3)
         k2 += k3
         Phi = Phi + h / 6 * k1 + h / 3 * k2
     return Phi
