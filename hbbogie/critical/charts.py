@@ -222,7 +222,7 @@ class _Search:
             stuck = pieces[-1].ends[1].kind == "stuck" and self._onset_near(plane(curve, last)) is None
             if not stuck or (found := curve.beyond(last)) is None:
                 break
-            pieces.append(follow(*found, FOLD_TESTS, (), self.longest))
+            pieces.append(follow(found[0], found[1], FOLD_TESTS, (), self.longest))
         return pieces
 
     def _onset_near(self, here: Array) -> tuple[Array, float] | None:
