@@ -112,10 +112,7 @@ def chart(
     whole("chart: harmonics", harmonics)
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")
-    window = (
-        check_interval(system, parameter, span),
-        check_interval(system, over, interval),
-    )
+    window = check_interval(system, parameter, span), check_interval(system, over, interval)
     equations = HarmonicBalance(harmonics).equations(system)
     search = _Search(equations, (parameter, over), window, longest, methods)
     for name, asked, kept in zip((parameter, over), (span, interval), window, strict=True):
