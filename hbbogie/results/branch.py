@@ -213,6 +213,11 @@ class Branch:
         """Stability verdict of each point ("unknown" where it was not computed)."""
         return tuple(o.stability.verdict if o.stability else "unknown" for o in self.orbits)
 
+    @property
+    def unfinished(self) -> str:
+        """Why it was not followed to its ends; empty where it was."""
+        return "; ".join(str(end) for end in self.ends if not end.complete)
+
     def folds(self) -> tuple[SpecialPoint, ...]:
         """Return the folds."""
         return tuple(s for s in self.special if s.kind == "fold")
