@@ -27,16 +27,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 MARKS = 6  # special points shown at most
-TAKEN = {
-    "coordinate",
-    "parameter",
-    "output",
-    "point",
-    "sample",
-    "special",
-    "onward",
-    "row",
-}  # names of a dataset beside its variables
+# names of a dataset beside its variables
+TAKEN = {"coordinate", "parameter", "output", "point", "sample", "special", "onward", "row"}
 
 
 @dataclass(frozen=True, eq=False)
