@@ -33,7 +33,12 @@ ZERO = 1e-2  # where a test function is located it has fallen by this much, else
 
 
 def special_points(
-    curve: CycleCurve, points: list[Point], *, judge: bool, known: Mapping[int, SpecialPoint]
+    curve: CycleCurve,
+    points: list[Point],
+    *,
+    judge: bool,
+    known: Mapping[int, SpecialPoint],
+    doubts: bool = True,
 ) -> tuple[list[Orbit], tuple[SpecialPoint, ...]]:
     """Locate what happens between the points of a curve.
 
@@ -45,6 +50,8 @@ def special_points(
         Whether to compute the stability of every cycle and look at the multipliers; folds only without.
     known : mapping from int to SpecialPoint
         Special points at which the curve begins, by the place of the point.
+    doubts : bool
+        Whether each fold is looked at more closely, and its status says why it may be none.
 
     Returns
     -------
@@ -61,6 +68,8 @@ def special_points(
     elif judge:
         kinds += ["branching", *probes[0].contacts]
     found = _changes(curve, probes, arcs, kinds, known)
+    if doubts:
+        found = [(arc, _doubted(curve, s) if s.kind == "fold" else s) for arc, s in found]
     if judge:
         found = _forks_once(with_multipliers(curve, probes, arcs, found, known)) + _touching(curve, probes)
     own = {id(probe.orbit) for probe in probes}
@@ -286,9 +295,13 @@ def _special(
     if s is not None and kind != "fold" and s.trivial_error > TRUSTED:
         status += f"; the cycle is not resolved, its trivial multiplier is off by {s.trivial_error:.1g}"
     interval = value - reach, value + reach
-    found = SpecialPoint(name, curve.parameter, value, interval, at.cycle, status, onward, extremum=extremum)
-    doubt = doubt_on_branch(curve.equations.system, found) if kind == "fold" else ""
-    return replace(found, orbit=orbit, status=f"{status}; {doubt}" if doubt else status)
+    return SpecialPoint(name, curve.parameter, value, interval, orbit, status, onward, extremum=extremum)
+
+
+def _doubted(curve: CycleCurve, fold: SpecialPoint) -> SpecialPoint:
+    """Return a fold with a status that says why it may be none."""
+    doubt = doubt_on_branch(curve.equations.system, fold)
+    return replace(fold, status=f"{fold.status}; {doubt}") if doubt else fold
 
 
 def _grazing(curve: CycleCurve, contacts: list[_Contact]) -> SpecialPoint:

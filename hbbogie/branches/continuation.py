@@ -147,13 +147,16 @@ def balanced_trace(
     limit: float | None = None,
     progress: Progress | None = None,
     unresolved: float = np.inf,
+    doubts: bool = True,
 ) -> Branch:
     """Follow a branch of harmonic balance as `trace` does, up to cycles that the harmonics do not resolve.
 
     Parameters
     ----------
     unresolved : float
-        Share of the highest harmonics beyond which the branch ends; the rest as of `trace`.
+        Share of the highest harmonics beyond which the branch ends.
+    doubts : bool
+        Whether the status of a fold says why it may be none; the rest as of `trace`.
     """
     if not (0 < step <= longest) or max_points < 2:
         raise ModelError(f"trace: {step=}, {longest=}, {max_points=}; need 0 < step <= longest, 2 points.")
@@ -177,7 +180,7 @@ def balanced_trace(
     curve = CycleCurve(equations, parameter, interval, p, tolerance, families, unresolved)
     options: dict[str, Any] = {"step": step, "longest": longest, "shortest": SHORTEST, "most": max_points}
     with time_limit(limit):
-        found = _traced(curve, start, begins, stability, options, progress)
+        found = _traced(curve, start, begins, (stability, doubts), options, progress)
     if equations is not given:
         check_members(given, found.orbits)
     return found
@@ -187,12 +190,15 @@ def _traced(
     curve: CycleCurve,
     start: Orbit | SpecialPoint,
     begins: bool,
-    stability: bool,
+    looks: tuple[bool, bool],
     options: dict[str, Any],
     progress: Progress | None,
 ) -> Branch:
-    """Follow the curve from its start, and locate the special points; ``begins`` where nothing lies before."""
-    equations, parameter = curve.equations, curve.parameter
+    """Follow the curve from its start, and locate the special points; ``begins`` where nothing lies before.
+
+    ``looks`` tells whether cycles are judged, and whether folds are looked at more closely.
+    """
+    equations, parameter, (stability, doubts) = curve.equations, curve.parameter, looks
     special = start if isinstance(start, SpecialPoint) else None
     from_hopf = special is not None and special.kind == "hopf"
     first, both = _begin(curve, start)
@@ -219,7 +225,7 @@ def _traced(
         values = [float(point.u[-1]) for point in points[:2]]
         special = onset(special, equations.system.with_parameters(**{parameter: special.value}), values)
     known = {place: special} if special is not None and begins and judge else {}
-    orbits, met = special_points(curve, points, judge=judge, known=known)
+    orbits, met = special_points(curve, points, judge=judge, known=known, doubts=doubts)
     if judge and time_is_over() and end.kind != "limit":
         end = Ending("limit", f"{end.what}, and not all cycles were judged before the time limit", "raise limit")
     return Branch(tuple(orbits), parameter, met, (_said(beginning), _said(end)))

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.branches.continuation import balanced_trace, trace
 from hbbogie.equilibria.hopf import hopf_points
@@ -22,6 +22,7 @@ from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
 from hbbogie.solving.solvers import solve
 
+Array = NDArray[np.float64]
 COARSE = 15  # highest harmonic with which a family is looked at
 MEMBERS = 150  # cycles of a family at one value of the parameter that are looked at
 
@@ -41,24 +42,25 @@ def from_hopf(
     parameter: str,
     interval: tuple[float, float],
     unresolved: float = np.inf,
+    **options: Any,
 ) -> list[Branch]:
     """Trace the branch from a Hopf point, and those that leave it where all its cycles have one value of the parameter.
 
     Of such a family, as of a linear or conservative limit, some members are on branches that cross it, at amplitudes
     at which the derivative in the parameter is orthogonal to the left null vector (Melnikov's condition).
-    They end where the share of the highest harmonics is beyond what is ``unresolved``.
+    They end where the share of the highest harmonics is beyond what is ``unresolved``. Further options are those of
+    `balanced_trace`.
 
     Raises
     ------
     ConvergenceError
         When no cycle is found next to the Hopf point.
     """
-    options: dict[str, Any] = {"stability": False}
-    single: dict[str, Any] = {**options, "families": False, "unresolved": unresolved}
+    single: dict[str, Any] = {"stability": False, "families": False, "unresolved": unresolved, **options}
     branch = balanced_trace(equations, hopf, parameter, interval, **single)
     if not is_family(branch, interval):
         return [branch]
-    found, family = [branch], trace(equations, hopf, parameter, interval, max_points=MEMBERS, **options)
+    found, family = [branch], trace(equations, hopf, parameter, interval, max_points=MEMBERS, stability=False)
     for special in family.special:
         if special.onward is not None:
             with suppress(ConvergenceError):
@@ -86,20 +88,35 @@ def crossings(equations: Equations, branch: Branch, value: float) -> list[Orbit]
         at_value = equations.system.with_parameters(**at)
         raise ModelError(family_message(at_value, name, branch.orbits[int(np.argmin(np.abs(V - value)))]))
     found = []
-    for i in np.flatnonzero((V[:-1] - value) * (V[1:] - value) <= 0):
-        a, b = branch.orbits[i], branch.orbits[i + 1]
-        share = (value - V[i]) / (V[i + 1] - V[i])
-        between = a.replace(
-            coefficients=(1 - share) * a.coefficients + share * b.coefficients,
-            omega=(1 - share) * a.omega + share * b.omega,
-        )
-        for guess in (between, a, b):
+    for i in _passed(V, value):
+        for guess in (_between(branch, i, value), branch.orbits[i], branch.orbits[i + 1]):
             try:
                 found.append(solve(equations, guess, **at))
                 break
             except ConvergenceError:
                 continue
     return found
+
+
+def near_crossings(branch: Branch, value: float) -> list[Orbit]:
+    """Return a guess of each cycle of a branch at a value of its parameter, between two that were followed."""
+    return [_between(branch, i, value) for i in _passed(branch.values, value)]
+
+
+def _passed(values: Array, value: float) -> list[int]:
+    """Return after which points of a branch a value of its parameter is passed."""
+    away = values - value
+    return [int(i) for i in np.flatnonzero((away[:-1] * away[1:] <= 0) & (away[:-1] != away[1:]))]
+
+
+def _between(branch: Branch, i: int, value: float) -> Orbit:
+    """Return what lies between the cycles at a place of a branch and at the next one."""
+    a, b = branch.orbits[i], branch.orbits[i + 1]
+    share = (value - branch.values[i]) / (branch.values[i + 1] - branch.values[i])
+    return a.replace(
+        coefficients=(1 - share) * a.coefficients + share * b.coefficients,
+        omega=(1 - share) * a.omega + share * b.omega,
+    )
 
 
 def complete(branch: Branch) -> bool:

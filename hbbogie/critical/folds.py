@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 ITERATIONS = 25
 FARTHEST = 0.2  # longest step of an unknown, in units of its scale: a guess near a fold is near it
 FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its value, below which there is no extremum
-KEPT = 0.1  # share of the residual up to which a step with second derivatives from before may leave it
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
@@ -129,40 +128,48 @@ class _Solved:
 
 
 def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance: float) -> _Solved:
-    """Solve F = 0 and the conditions of optimality at the parameters p, from an orbit near the fold."""
+    """Solve F = 0 and the conditions of optimality at the parameters p, from an orbit near the fold.
+
+    At a fold the tangent t of the curve F = 0 has no component in the parameter. The derivative of that component is
+    W t, with W the second derivative of multipliers . F (eq-fold-step). A step goes onto the curve, and along t to
+    where the component vanishes.
+    """
     name = equations.system.parameter_names[place]
     p = p.copy()
     p[place] = orbit.parameters.get(name, p[place])
     problem = Problem(equations, Conditions((place,)), p)
     y = np.append(equations.encode(orbit), p[place])
-    second = equations.hessian((place,))
-    multipliers = _multipliers(problem, y)
-    why, error, W = f"not converged after {ITERATIONS} iterations", np.inf, None
+    second = equations.hessian_times((place,))
+    F, J = _scaled(problem, y)
+    t = np.linalg.qr(J.T, mode="complete")[0][:, -1]
+    multipliers, why, error, curvature = np.zeros(len(F)), f"not converged after {ITERATIONS} iterations", np.inf, 0.0
     for iteration in range(ITERATIONS):
-        F, J, L = _optimality(problem, y, multipliers)
-        before, error = error, float(max(np.abs(F).max(), np.abs(L).max()))
+        try:
+            inverse = np.linalg.inv(np.vstack([J, t]))
+        except np.linalg.LinAlgError:
+            why = "the conditions of optimality are singular"
+            break
+        # its last column is along the tangent, its last row has the multipliers and what they leave, along t
+        L, multipliers = inverse[-1, -1] * t, -inverse[-1, :-1]
+        t = inverse[:, -1] / np.linalg.norm(inverse[:, -1])
+        W_t = _second_along(problem, second, y, multipliers, t)
+        curvature, error = float(t @ W_t), float(max(np.abs(F).max(), np.abs(L).max()))
         if error <= tolerance and iteration:  # one step at least: the parameter is then good to round-off
             why = f"found in {iteration} iterations"
             break
         if time_is_over():
             why = "the time limit was reached"
             break
-        if W is None or not error <= KEPT * before:
-            W = _second_derivatives(problem, second, y, multipliers)
-        m = len(F)
-        try:
-            step = np.linalg.solve(np.block([[W, J.T], [J, np.zeros((m, m))]]), -np.concatenate([L, F]))
-        except np.linalg.LinAlgError:
-            why = "the conditions of optimality are singular"
-            break
-        damping = min(1.0, FARTHEST / max(float(np.abs(step[:-m]).max()), 1e-300))
-        y, multipliers = y + damping * problem.scale * step[:-m], multipliers + damping * step[-m:]
+        onto = -inverse[:, :-1] @ F
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = onto - (t[-1] + W_t @ onto) / curvature * t
+        y = y + min(1.0, FARTHEST / max(float(np.abs(step).max()), 1e-300)) * problem.scale * step
         if not np.isfinite(y).all():
             why = "the iteration left all bounds"
             break
+        F, J = _scaled(problem, y)
     converged, active = error <= tolerance, problem.violated(y)
-    tangent, W = np.linalg.svd(J)[2][-1], _second_derivatives(problem, second, y, multipliers)
-    curvature = float(problem.scale[-1] * tangent @ W @ tangent)
+    curvature *= float(problem.scale[-1])
     if active:
         converged, why = False, f"{why}; {', '.join(map(str, active))}"
     elif converged and abs(curvature) <= FLAT * abs(float(problem.scale[-1])):
@@ -206,23 +213,17 @@ def _by_tracing(equations: Equations, place: int, orbit: Orbit, tolerance: float
     return best
 
 
-def _optimality(problem: Problem, y: Array, multipliers: Array) -> tuple[Array, Array, Array]:
-    """Return scaled residual, its Jacobian, and the gradient of the Lagrangian V + multipliers . F."""
+def _scaled(problem: Problem, y: Array) -> tuple[Array, Array]:
+    """Return scaled residual and its Jacobian in scaled unknowns."""
     F, J = problem.evaluate(y)
-    F, J = F / problem.row_scale, J / problem.row_scale[:, None] * problem.scale
-    return F, J, np.append(np.zeros(len(y) - 1), 1.0) + J.T @ multipliers
+    return F / problem.row_scale, J / problem.row_scale[:, None] * problem.scale
 
 
-def _second_derivatives(problem: Problem, second: ca.Function, y: Array, multipliers: Array) -> Array:
-    """Return the scaled Hessian of the Lagrangian, which costs as much as some twenty Jacobians."""
-    H = second(y[: problem.equations.size], problem.parameters(y), multipliers / problem.row_scale).full()
-    return np.asarray(H * np.outer(problem.scale, problem.scale))
-
-
-def _multipliers(problem: Problem, y: Array) -> Array:
-    """Return the multipliers that fit best at a point: the left null vector of F_z, scaled by F_V."""
-    J = problem.evaluate(y)[1] / problem.row_scale[:, None] * problem.scale
-    return np.asarray(np.linalg.lstsq(J.T, -np.append(np.zeros(len(y) - 1), 1.0), rcond=None)[0])
+def _second_along(problem: Problem, second: ca.Function, y: Array, multipliers: Array, t: Array) -> Array:
+    """Return the scaled second derivative of multipliers . F times a direction."""
+    z, p = y[: problem.equations.size], problem.parameters(y)
+    W_t = second(z, p, multipliers / problem.row_scale, problem.scale * t).full().ravel()
+    return np.asarray(W_t * problem.scale)
 
 
 def _critical(found: _Solved, parameter: str) -> Critical:

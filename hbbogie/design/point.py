@@ -15,7 +15,8 @@ from hbbogie.brief import brief
 from hbbogie.critical.curvature import critical_hessian
 from hbbogie.critical.folds import Critical, fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
-from hbbogie.critical.speeds import coincide, critical_speeds
+from hbbogie.critical.search import coincide
+from hbbogie.critical.speeds import critical_speeds
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.methods.equations import Equations

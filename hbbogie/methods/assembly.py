@@ -21,6 +21,7 @@ from hbbogie.methods.condensation import choose_rows, dynamic_stiffness, stiffne
 from hbbogie.methods.contact import make_ramp
 from hbbogie.methods.layout import Layout
 from hbbogie.methods.sampling import Sampling
+from hbbogie.methods.second_derivatives import hessian, hessian_times, sensitivity
 from hbbogie.model.system import System
 from hbbogie.once import Once
 
@@ -64,7 +65,7 @@ class Assembly:
         self.ramps = sum(len(e.directions) for e in parts.contacts) if self.ramp else 0
         self._build_stage()
         z, p = self._mx()
-        c = self._first_stage(z, p, self._gains(z, p))
+        c = self.first_stage(z, p, self.gains(z, p))
         self.residual = ca.Function("F", [z, p], [self.stage(z, p, c)], ["z", "p"], ["F"])
         if not any(i in self.E for i in self.force_rows):  # the forces do not act directly on condensed coordinates
             c = ca.MX.zeros(*c.shape)
@@ -76,7 +77,7 @@ class Assembly:
 
     # --- first stage: ramps between their contact times, and sampled forces ---------------------
 
-    def _gains(self, z: ca.MX, p: ca.MX) -> Gains:
+    def gains(self, z: ca.MX, p: ca.MX) -> Gains:
         """Return the input w of each ramp, its gain G (the coefficients are G w), its contact times and weights."""
         found = []
         for w in ca.horzsplit(self.inputs(z, p)) if self.ramp else []:
@@ -85,15 +86,15 @@ class Assembly:
             found.append((w, self.ramp.gain(ca.stop_diff(moments, 1)), times, weights))
         return found
 
-    def _first_stage(self, z: ca.MX, p: ca.MX, gains: Gains) -> ca.MX:
+    def first_stage(self, z: ca.MX, p: ca.MX, gains: Gains) -> ca.MX:
         """Return the coefficients of all ramps and then of the sampled forces, one column each."""
         ramps = [ca.mtimes(G, w) for w, G, _, _ in gains]
         return ca.horzcat(*ramps, self.sampling.coefficients(z, p))
 
-    def _first_stage_jacobian(
+    def first_stage_jacobian(
         self, z: ca.MX, p: ca.MX, gains: Gains, free: tuple[int, ...]
     ) -> tuple[ca.MX, list[ca.MX]]:
-        """Return the derivatives of vec(`_first_stage`) and of each ramp's input with respect to (z, p[free])."""
+        """Return the derivatives of vec(`first_stage`) and of each ramp's input with respect to (z, p[free])."""
         W = ca.vertsplit(self._input_slopes(free)(z, p), self.inputs.size1_out(0)) if gains else []
         blocks = [ca.mtimes(G, slope) for (_, G, _, _), slope in zip(gains, W, strict=True)]
         if self.layout.parts.remainder_rows:
@@ -102,7 +103,7 @@ class Assembly:
 
     def _input_slopes(self, free: tuple[int, ...]) -> ca.Function:
         """Return (z, p) -> derivative of all ramps' inputs, one below the other, with respect to (z, p[free])."""
-        z, p, _ = self._stage_symbols()
+        z, p, _ = self.stage_symbols()
         y = ca.vertcat(z, *(p[i] for i in free))
         return ca.Function("input_slopes", [z, p], [ca.jacobian(ca.vec(self.inputs(z, p)), y)])
 
@@ -131,7 +132,7 @@ class Assembly:
         omega = self.layout.unpack(z)[2]
         return [w for h in self.layout.moving for w in self._stiff(h * omega, p)]
 
-    def _stage_symbols(self) -> list[ca.SX]:
+    def stage_symbols(self) -> list[ca.SX]:
         """Return symbols for z, p and c."""
         return [ca.SX.sym(name, *self.stage.size_in(i)) for i, name in enumerate(self.stage.name_in())]
 
@@ -253,23 +254,27 @@ class Assembly:
 
     def hessian(self, free: tuple[int, ...]) -> ca.Function:
         """Return (z, p, multipliers) -> second derivative of multipliers . F with respect to (z, p[free])."""
-        return self.once(("hessian", free), lambda: self._build_hessian(free))
+        return self.once(("hessian", free), lambda: hessian(self, free))
+
+    def hessian_times(self, free: tuple[int, ...]) -> ca.Function:
+        """Return (z, p, multipliers, direction) -> that second derivative times a direction, without all of it."""
+        return self.once(("hessian_times", free), lambda: hessian_times(self, free))
 
     def sensitivity(self) -> ca.Function:
         """Return (z, p, multipliers) -> derivative of multipliers . F with respect to all parameters."""
-        return self.once("sensitivity", self._build_sensitivity)
+        return self.once("sensitivity", lambda: sensitivity(self))
 
     def _build_derivatives(self, free: tuple[int, ...]) -> ca.Function:
         first = self._stage_jacobian(free)
         z, p = self._mx()
-        gains = self._gains(z, p)
-        F, J, J_c = first(z, p, self._first_stage(z, p, gains))
-        J = J + ca.mtimes(J_c, self._first_stage_jacobian(z, p, gains, free)[0])
+        gains = self.gains(z, p)
+        F, J, J_c = first(z, p, self.first_stage(z, p, gains))
+        J = J + ca.mtimes(J_c, self.first_stage_jacobian(z, p, gains, free)[0])
         return ca.Function("dF", [z, p], [ca.densify(F), ca.densify(J)], ["z", "p"], ["F", "J"])
 
     def _stage_jacobian(self, free: tuple[int, ...]) -> ca.Function:
         """Return (z, p, c) -> F and its derivatives in (z, p[free]) and in vec(c)."""
-        z, p, c = sx = self._stage_symbols()
+        z, p, c = sx = self.stage_symbols()
         values = self._stiffness(z, p)
         Z = [ca.SX.sym("Z", w.sparsity()) for w in values]
         F, y = self._of_stiffness(*sx, *Z)[0], ca.vertcat(z, *(p[i] for i in free))
@@ -285,61 +290,3 @@ class Assembly:
             added = ca.jacobian(F, ca.vertcat(*entries)) @ ca.vertcat(*rates)
             J += ca.horzcat(ca.SX(J.shape[0], self.layout.size - 1), added)
         return ca.Function("stage_jacobian", sx, ca.substitute([F, J, J_c], Z, values))
-
-    def _lagrangian(self) -> tuple[list[ca.SX], ca.SX]:
-        """Return [z, p, c, multipliers, pulls], and multipliers . F plus pulls . inputs of the ramps.
-
-        ``pulls`` has the shape of the inputs and is the derivative of multipliers . F in each of them.
-        """
-        sx, lam = self._stage_symbols(), ca.SX.sym("multipliers", self.layout.size)
-        pulls = ca.SX.sym("pulls", *self.inputs.size_out(0))
-        L = ca.dot(lam, self.stage(*sx)) + ca.dot(pulls, self.inputs(*sx[:2]))
-        return [*sx, lam, pulls], L
-
-    def _pulls(self) -> ca.Function:
-        """Return (z, p, multipliers) -> derivative of multipliers . F in the coefficients of the first stage."""
-
-        def build() -> ca.Function:
-            (z, p, c, lam, _), L = self._lagrangian()
-            return ca.Function("pulls", [z, p, lam], [ca.densify(ca.gradient(L, c))])
-
-        found: ca.Function = self.once("pulls", build)
-        return found
-
-    def _pulled(self, gains: Gains, pull_c: ca.MX) -> ca.MX:
-        """Return the pulls on the ramps' inputs from those on their coefficients."""
-        columns = [ca.mtimes(G.T, pull_c[:, i]) for i, (_, G, _, _) in enumerate(gains)]
-        return ca.horzcat(*columns) if columns else ca.MX.zeros(*self.inputs.size_out(0))
-
-    def _build_sensitivity(self) -> ca.Function:
-        sx, L = self._lagrangian()
-        on_p = ca.Function("stage_slopes", sx, [ca.densify(ca.gradient(L, sx[1]))])  # one sweep, no Jacobian
-        z, p = self._mx()
-        multipliers, gains = ca.MX.sym("multipliers", self.layout.size), self._gains(z, p)
-        c = self._first_stage(z, p, gains)
-        pull_c = self._pulls()(z, p, multipliers)
-        L_p = on_p(z, p, c, multipliers, self._pulled(gains, pull_c))
-        if self.layout.parts.remainder_rows:
-            slopes = self.sampling.jacobian(z, p, tuple(range(self.n_p)))[:, self.layout.size :]
-            L_p = L_p + ca.mtimes(slopes.T, ca.vec(pull_c[:, self.ramps :]))
-        return ca.Function("sensitivity", [z, p, multipliers], [L_p], ["z", "p", "multipliers"], ["L_p"])
-
-    def _build_hessian(self, free: tuple[int, ...]) -> ca.Function:
-        sx, L = self._lagrangian()
-        y = ca.vertcat(sx[0], *(sx[1][i] for i in free))
-        L_c = ca.vec(self._pulls()(sx[0], sx[1], sx[3]))
-        second = ca.Function("stage_hessian", sx, [ca.hessian(L, y)[0], ca.jacobian(L_c, y)])
-        z, p = self._mx()
-        multipliers, gains = ca.MX.sym("multipliers", self.layout.size), self._gains(z, p)
-        c = self._first_stage(z, p, gains)
-        pull_c = self._pulls()(z, p, multipliers)
-        H, H_c = second(z, p, c, multipliers, self._pulled(gains, pull_c))
-        c_y, W = self._first_stage_jacobian(z, p, gains, free)
-        cross = ca.mtimes(H_c.T, c_y)
-        H = H + cross + cross.T
-        for i, (slope, (_, _, times, weights)) in enumerate(zip(W, gains, strict=True)):
-            Q = self.ramp.curvature(times, weights, pull_c[:, i])
-            H = H + ca.mtimes(slope.T, ca.mtimes(Q, slope))  # the contact times move with w (eq-contact-hessian)
-        if self.layout.parts.remainder_rows:
-            H = H + self.sampling.hessian(free)(z, p, ca.vec(pull_c[:, self.ramps :]))
-        return ca.Function("hessian", [z, p, multipliers], [H], ["z", "p", "multipliers"], ["H"])

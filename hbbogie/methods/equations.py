@@ -56,6 +56,9 @@ class Equations:
     hessian : callable
         Places of free parameters -> casadi.Function (z, p, multipliers) -> second derivative of
         multipliers . F with respect to (z, p[free]), exact.
+    hessian_times : callable
+        The same -> casadi.Function (z, p, multipliers, direction) -> that second derivative times a direction, far
+        cheaper than all of it.
     sensitivity : callable
         () -> casadi.Function (z, p, multipliers) -> derivative of multipliers . F with respect to p, exact.
     coefficients : casadi.Function, (z, p) -> shape (2 H + 1, n), unit of the coordinate
@@ -90,6 +93,7 @@ class Equations:
     residual: ca.Function
     derivatives: Callable[[tuple[int, ...]], ca.Function]
     hessian: Callable[[tuple[int, ...]], ca.Function]
+    hessian_times: Callable[[tuple[int, ...]], ca.Function]
     sensitivity: Callable[[], ca.Function]
     coefficients: ca.Function
     frequency: ca.Function

@@ -140,18 +140,24 @@ def _replaced(
 
         return once(("derivatives", free), build)
 
-    def pulled(key: object, function: Callable[[], ca.Function], output: str) -> ca.Function:
+    def pulled(key: object, function: Callable[[], ca.Function], output: str, *more: ca.MX) -> ca.Function:
         """Return a function of the multipliers, to which the added linear equations contribute nothing."""
-        inputs = [z, p, multipliers]
-        names = ["z", "p", "multipliers"]
+        inputs = [z, p, multipliers, *more]
+        names = ["z", "p", "multipliers", *(["direction"] * len(more))]
         pull = ca.mtimes(kept.T, multipliers)
-        return once(key, lambda: ca.Function(output, inputs, [function()(z, p, pull)], names, [output]))
+        return once(key, lambda: ca.Function(output, inputs, [function()(z, p, pull, *more)], names, [output]))
 
     return replace(
         equations,
         residual=ca.Function("F", [z, p], [ca.mtimes(kept, equations.residual(z, p)) + level]),
         derivatives=derivatives,
         hessian=lambda free: pulled(("hessian", free), lambda: equations.hessian(free), "H"),
+        hessian_times=lambda free: pulled(
+            ("hessian_times", free),
+            lambda: equations.hessian_times(free),
+            "H",
+            ca.MX.sym("direction", m + len(free)),
+        ),
         sensitivity=lambda: pulled("sensitivity", equations.sensitivity, "L_p"),
         rows=rows,
         residual_scale=residual_scale,

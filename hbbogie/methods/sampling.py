@@ -131,6 +131,21 @@ class Sampling:
         z = ca.MX.sym("z", size)
         return ca.Function("sampled_hessian", [z, p, pull], [f(ca.vertcat(z, ca.MX.zeros(len(free))), p, pull)])
 
+    def hessian_times(self, free: tuple[int, ...]) -> ca.Function:
+        """Return (z, p, pull, direction) -> that second derivative times a direction of (z, p[free])."""
+        size = self.layout.size
+        y, p, direction = ca.MX.sym("y", size + len(free)), ca.MX.sym("p", self.n_p), ca.MX.sym("d", size + len(free))
+        shifted = ca.MX(p)
+        for k, i in enumerate(free):
+            shifted[i] += y[size + k]
+        c = ca.vec(self.coefficients(y[:size], shifted))
+        pull = ca.MX.sym("pull", c.shape[0])
+        along = ca.jtimes(ca.gradient(ca.dot(pull, c), y), y, direction)
+        f = ca.Function("sampled", [y, p, pull, direction], [ca.densify(along)])
+        z = ca.MX.sym("z", size)
+        at = f(ca.vertcat(z, ca.MX.zeros(len(free))), p, pull, direction)
+        return ca.Function("sampled_hessian_times", [z, p, pull, direction], [at])
+
 
 def sample_moments(H: int, tau: Array, length: float) -> Array:
     """Return the matrix that maps samples at ``tau`` to integrals with cos(k tau), sin(k tau), k = 0 ... 2 H."""

@@ -46,6 +46,7 @@ def make_equations(system: System, assembly: Assembly | SparseAssembly, method: 
         residual=assembly.residual,
         derivatives=assembly.derivatives,
         hessian=assembly.hessian,
+        hessian_times=assembly.hessian_times,
         sensitivity=assembly.sensitivity,
         coefficients=assembly.coefficients,
         frequency=assembly.frequency,

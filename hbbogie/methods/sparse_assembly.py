@@ -174,6 +174,10 @@ class SparseAssembly:
         """Return (z, p, multipliers) -> second derivative of multipliers . F with respect to (z, p[free])."""
         return self._dense.hessian(free)
 
+    def hessian_times(self, free: tuple[int, ...]) -> ca.Function:
+        """Return (z, p, multipliers, direction) -> that second derivative times a direction, without all of it."""
+        return self._dense.hessian_times(free)
+
     def sensitivity(self) -> ca.Function:
         """Return (z, p, multipliers) -> derivative of multipliers . F with respect to all parameters."""
         return self._dense.sensitivity()

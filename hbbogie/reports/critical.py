@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from hbbogie.critical.bistability import Coexistence, coexistence
-from hbbogie.critical.folds import Critical
 from hbbogie.critical.speeds import critical_speeds
 from hbbogie.deadline import time_is_over
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
-from hbbogie.motion.energy import moving_groups
+from hbbogie.motion.energy import energy_shares, moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.summary import influence_sentences
 from hbbogie.reports.table import Table
 from hbbogie.results import Criticals
+from hbbogie.results.critical import Critical
 from hbbogie.stability.multipliers import floquet
 from hbbogie.units import label
 
@@ -56,7 +56,8 @@ def critical_of(
     span = interval or own
     progress(f"critical values of {name}", None)
     searched = critical_speeds(system, name, span, method=method)
-    found = [_rounded(c, ZERO * (span[1] - span[0])) for c in searched]
+    rounded = (_rounded(c, ZERO * (span[1] - span[0])) for c in searched)
+    found = Criticals(rounded, searched.evidence, searched.undecided, searched.branches)
     missing = [f"Not searched to its end: {sentence}." for sentence in searched.undecided]
     unit = system.parameter(name).unit
     if not found:
@@ -66,21 +67,19 @@ def critical_of(
     notes = [f"The smallest critical value is {first.value:.5g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
     if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
         notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
-    notes += [*_linear_analysis(found, unit), *_attractors(system, searched, unit)]
+    notes += [*_linear_analysis(found, unit), *_attractors(found, unit)]
     if found[-1].extremum == "maximum":
         notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
     progress("where rest and cycles coexist", None)
     both = [] if time_is_over() else coexistence(system, found)
-    for c in both:
-        notes.append(
-            f"Between {c.interval[0]:.5g} and {c.interval[1]:.5g} {unit}".rstrip()
-            + " the equilibrium is stable and cycles exist: a disturbance larger than the unstable cycle starts them."
-        )
+    notes += [*(_together(c, unit) for c in both), *_smallest(system, both, unit)]
     figures = _bars(found, system)
     data: dict[str, Any] = {"complete": searched.complete, "evidence": list(searched.evidence)}
-    data["critical"] = [_data(system, c) for c in found]
-    data["coexistence"] = [{"interval": c.interval} for c in both]
-    tables = (_values(system, found, unit), *_disturbances(system, both, unit), _gradients(system, found, unit))
+    data["critical"] = [_data(c) for c in found]
+    data["lowest"] = [_data(c) | {"energy": energy_shares(system, c.orbit)} for c in found.lowest.values() if c.moves]
+    data["coexistence"] = [{"interval": c.interval} | ({"moves": c.fold.moves} if c.fold.moves else {}) for c in both]
+    between = _lowest(system, found, unit), _disturbances(system, both, unit)
+    tables = (_values(system, found, unit), *(t for t in between if t), _gradients(system, found, unit))
     return Report(
         f"{system.name}: critical values of {name}",
         tables,
@@ -95,17 +94,37 @@ def critical_of(
     )
 
 
-def _attractors(system: System, found: Criticals, unit: str) -> list[str]:
-    """Return the lowest fold of the cycles of each group of bodies, and what the search for them rests on."""
-    lowest: dict[str, Critical] = {}
-    for c in found:
-        if c.kind == "fold" and c.extremum == "minimum":
-            lowest.setdefault(moving_groups(system, c.orbit), c)
-    if not system.groups or not lowest:
+def _attractors(found: Criticals, unit: str) -> list[str]:
+    """Return the lowest fold of the cycles of each set of groups of bodies, and what the search for them rests on."""
+    if not any(found.lowest):
         return []
-    each = ", ".join(f"{name} {c.value:.6g}" for name, c in lowest.items())
+    each = ", ".join(f"{name} {c.value:.6g}" for name, c in found.lowest.items())
     evidence = (f"{sentence[0].upper()}{sentence[1:]}." for sentence in found.evidence)
-    return [f"Lowest fold of the cycles in which these groups move: {each} {unit}".rstrip() + ".", *evidence]
+    notes = [f"Lowest fold of the cycles in which these groups move: {each} {unit}".rstrip() + ".", *evidence]
+    return [*notes, "So every branch that was met has been followed to its ends."] if found.complete else notes
+
+
+def _together(c: Coexistence, unit: str) -> str:
+    """Return where rest and cycles coexist, a sentence."""
+    cycles = f"cycles exist ({c.fold.moves})" if c.fold.moves else "cycles exist"
+    said = f"Between {c.interval[0]:.5g} and {c.interval[1]:.5g} {unit}".rstrip()
+    return f"{said} the equilibrium is stable and {cycles}: a disturbance larger than the unstable cycle starts them."
+
+
+def _smallest(system: System, both: list[Coexistence], unit: str) -> list[str]:
+    """Return how large the smallest cycle on a border is in the middle of the widest interval, a sentence."""
+    borders = [o for c in both for o in c.thresholds if o.stability and o.stability.unstable == 1]
+    if not borders or not system.groups:
+        return []
+    name, widest = both[0].parameter, max(both, key=lambda c: c.interval[1] - c.interval[0])
+    middle = min((o.parameters[name] for o in borders), key=lambda v: abs(v - sum(widest.interval) / 2))
+    least = min((o for o in borders if o.parameters[name] == middle), key=lambda o: np.abs(o.coefficients[1:]).max())
+    who, shown = moving_groups(system, least), system.nonlinear_coordinates or system.coordinate_names
+    most = max(shown, key=least.amplitude)
+    return [
+        f"At {middle:.5g} {unit}".rstrip() + f" the smallest of these unstable cycles is one of {who}, with "
+        f"{least.amplitude(most):.3g} {system.coordinates[system.index(most)].unit} of {most}."
+    ]
 
 
 def _linear_analysis(found: list[Critical], unit: str) -> list[str]:
@@ -119,12 +138,12 @@ def _linear_analysis(found: list[Critical], unit: str) -> list[str]:
     ]
 
 
-def _data(system: System, c: Critical) -> dict[str, Any]:
+def _data(c: Critical) -> dict[str, Any]:
     """Return a critical value for programs."""
     known = {"kind": c.kind, "value": c.value, "gradient": c.gradient}
     if np.isfinite(c.error):
         known["error"] = c.error
-    return known | ({"moves": moving_groups(system, c.orbit)} if system.groups else {})
+    return known | ({"moves": c.moves} if c.moves else {})
 
 
 def _rounded(c: Critical, size: float) -> Critical:
@@ -163,7 +182,7 @@ def _values(system: System, found: list[Critical], unit: str) -> Table:
     formats = ["", ".8g", ".1e", "", ".7g", ".7g", ".1e", ".3g", ".1e"]
     if system.groups:
         columns, formats = [*columns, "moves"], [*formats, ""]
-        rows = [(*row, moving_groups(system, c.orbit)) for row, c in zip(rows, found, strict=True)]
+        rows = [(*row, c.moves) for row, c in zip(rows, found, strict=True)]
     return Table("critical", "Critical values", tuple(columns), tuple(rows), tuple(formats), tuple(notes))
 
 
@@ -171,26 +190,55 @@ def _beside_one(system: System, c: Critical) -> float | None:
     """Return how far the second multiplier of a fold is from +1: of half the period where the cycle is odd."""
     if c.kind != "fold":
         return None
+    if np.isfinite(c.apart):
+        return c.apart
     s = floquet(system, c.orbit)
     m = s.multipliers if s.half_multipliers is None else s.half_multipliers
     return float(np.sort(np.abs(m - 1))[1]) if len(m) > 1 and np.isfinite(m).all() else None
 
 
-def _disturbances(system: System, both: list[Coexistence], unit: str) -> list[Table]:
-    """Return the sizes of the unstable cycle where rest and cycles coexist."""
-    shown = system.nonlinear_coordinates or system.coordinate_names[:1]
-    tables = []
-    for i, c in enumerate(both):
-        units = [system.coordinates[system.index(q)].unit for q in shown]
-        columns = [label(c.parameter, unit), *(f"peak {label(q, u)}" for q, u in zip(shown, units, strict=True))]
-        rows = tuple((o.parameters[c.parameter], *(o.amplitude(q) for q in shown)) for o in c.thresholds)
-        note = (
-            "The smallest cycle, which is unstable: along its shape larger motions start cycles, smaller ones die out."
-        )
-        name = "disturbance" if len(both) == 1 else f"disturbance_{i + 1}"
-        formats = (".7g", *[".5g"] * len(shown))
-        tables.append(Table(name, "Disturbance that starts cycles", tuple(columns), rows, formats, (note,)))
-    return tables
+def _lowest(system: System, found: Criticals, unit: str) -> Table | None:
+    """Return the lowest fold of the cycles of each set of groups; None without groups."""
+    if not any(found.lowest):
+        return None
+    shares = {name: energy_shares(system, c.orbit) for name, c in found.lowest.items()}
+    columns = ["moves", label(found[0].parameter, unit), label("error, at most", unit), "frequency [Hz]"]
+    columns += [f"kinetic energy, {group} [1]" for group in system.groups]
+    rows = tuple(
+        (name, c.value, c.error if np.isfinite(c.error) else None, c.orbit.frequency, *shares[name].values())
+        for name, c in found.lowest.items()
+    )
+    note = (
+        "Cycles exist from the lowest fold of each upwards. A group moves that has at least a tenth of the kinetic "
+        "energy of the group with most; the shares are those of one period at the fold."
+    )
+    formats = ("", ".8g", ".1e", ".5g", *[".3f"] * len(system.groups))
+    return Table("lowest", "Lowest fold by the groups that move", tuple(columns), rows, formats, (note,))
+
+
+def _disturbances(system: System, both: list[Coexistence], unit: str) -> Table | None:
+    """Return the sizes of the smallest cycles where rest and cycles coexist; None where they do not."""
+    rows = [(c, o) for c in both for o in c.thresholds]
+    if not rows:
+        return None
+    name, shown = both[0].parameter, system.nonlinear_coordinates or system.coordinate_names[:1]
+    units = [system.coordinates[system.index(q)].unit for q in shown]
+    peaks = {id(o): [o.amplitude(q) for q in shown] for _, o in rows}
+    rows.sort(key=lambda row: (row[1].parameters[name], max(peaks[id(row[1])])))
+    ends = [label("of the fold at", unit)] * (len(both) > 1) + ["moves"] * bool(system.groups)
+    columns = [label(name, unit), *ends, *(f"peak {label(q, u)}" for q, u in zip(shown, units, strict=True))]
+    columns += ["multipliers outside"]
+    cells = []
+    for c, o in rows:
+        which = [c.fold.value] * (len(both) > 1) + [moving_groups(system, o)] * bool(system.groups)
+        outside = o.stability.unstable if o.stability and o.stability.verdict != "unknown" else None
+        cells.append((o.parameters[name], *which, *peaks[id(o)], outside))
+    formats = [".7g", *[".5g"] * (len(both) > 1), *[""] * bool(system.groups), *[".5g"] * len(shown), ""]
+    note = (
+        "The smallest cycle of each branch, where that is unstable. With one multiplier outside the unit circle it "
+        "lies on a border: along its shape larger motions grow, smaller ones shrink. With more it lies on none."
+    )
+    return Table("disturbance", "Disturbance that starts cycles", tuple(columns), tuple(cells), tuple(formats), (note,))
 
 
 def _elasticity(c: Critical, name: str) -> float | None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbbogie.brief import LINES, lines
+from hbbogie.results.branch import Branch
 from hbbogie.results.cycles import searched
 from hbbogie.results.orbit import NOT_RESOLVED, Orbit
 from hbbogie.results.pictures import page
@@ -40,6 +41,12 @@ class Critical:
     error : float, unit of the parameter
         Of a fold: bound of the error from harmonics left out, found as the status says; infinite where none was found,
         NaN where none was asked for.
+    apart : float
+        Of a fold by harmonic balance: distance from 1 of the multiplier that meets the trivial one at a fold, over half
+        a period where the cycle is odd; NaN where it was not needed.
+    moves : str
+        Which groups of bodies move at the point, as `hbbogie.motion.moving_groups` has it: those with at least a tenth
+        of the kinetic energy of the group that has most. Empty where coordinates belong to no groups.
     """
 
     kind: str
@@ -53,6 +60,8 @@ class Critical:
     curvature: float
     status: str
     error: float = float("nan")
+    apart: float = float("nan")
+    moves: str = ""
 
     def __repr__(self) -> str:
         kind = "Hopf point" if self.kind == "hopf" else self.kind
@@ -60,7 +69,9 @@ class Critical:
         largest = sorted(self.elasticities.items(), key=lambda e: -abs(np.nan_to_num(e[1])))[:SHOWN]
         known = np.isfinite(self.error)
         return lines(
-            f"{self.orbit.system}: {kind} at {at}" + (f", {self.extremum}" if self.extremum else ""),
+            f"{self.orbit.system}: {kind} at {at}"
+            + (f", {self.extremum}" if self.extremum else "")
+            + (f" ({self.moves})" if self.moves else ""),
             f"omega {self.omega:.8g} rad/s, residual {self.residual:.1g}" + (f", error {self.error:.1g}" * bool(known)),
             "per cent for one per cent: " + ", ".join(f"{n} {e:+.3g}" for n, e in largest)
             if largest
@@ -117,11 +128,32 @@ class Criticals(list[Critical]):
         What was searched: each branch, how far it was followed and why it ended, sentences.
     undecided : iterable of str
         What was not searched to its end, so that a critical value may be missing, sentences; empty where nothing was.
+    branches : iterable of Branch
+        Those that were followed by harmonic balance, as coarsely as the search needed, and those in closed form where
+        coordinates belong to groups.
     """
 
-    def __init__(self, values: Iterable[Critical] = (), evidence: Iterable[str] = (), undecided: Iterable[str] = ()):
+    def __init__(
+        self,
+        values: Iterable[Critical] = (),
+        evidence: Iterable[str] = (),
+        undecided: Iterable[str] = (),
+        branches: Iterable[Branch] = (),
+    ):
         super().__init__(values)
-        self.evidence, self.undecided = tuple(evidence), tuple(undecided)
+        self.evidence, self.undecided, self.branches = tuple(evidence), tuple(undecided), tuple(branches)
+
+    @property
+    def lowest(self) -> dict[str, Critical]:
+        """The lowest fold from which cycles exist upwards, of each set of groups that move, the lowest of all first.
+
+        Without groups there is one, named "". Empty where there is no such fold.
+        """
+        found: dict[str, Critical] = {}
+        for c in sorted(self, key=lambda c: c.value):
+            if c.kind == "fold" and c.extremum == "minimum":
+                found.setdefault(c.moves, c)
+        return found
 
     @property
     def complete(self) -> bool:
@@ -129,7 +161,11 @@ class Criticals(list[Critical]):
         return not self.undecided
 
     def __repr__(self) -> str:
-        found = [f"{c.kind} at {c.parameter} = {c.value:.9g}, omega = {c.omega:.6g}: {c.status}" for c in self]
+        moves = [f" ({c.moves})" * bool(c.moves) for c in self]
+        found = [
+            f"{c.kind} at {c.parameter} = {c.value:.9g}{who}, omega = {c.omega:.6g}: {c.status}"
+            for c, who in zip(self, moves, strict=True)
+        ]
         counted = f"{len(self) or 'no'} critical value{'s' * (len(self) != 1)}"
         of = f" of {self[0].orbit.system}" if self else ""
         told = searched(self.evidence, self.undecided)

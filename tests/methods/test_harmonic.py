@@ -83,7 +83,10 @@ def test_jacobian_and_hessian_are_the_derivatives(name, variant):
     np.testing.assert_allclose(J_scaled / rows[:, None], np.array(J_num).T / rows[:, None], atol=1e-6)
     if variant == "sampled":
         return  # where a sample passes the kink, second differences are not the second derivative
+    d = np.random.default_rng(2).standard_normal(len(y))
+    product = equations.hessian_times(free)(z, p, lam, scale * d).full().ravel() * scale
     H = second(z, p, lam).full() * np.outer(scale, scale)
+    np.testing.assert_allclose(product, H @ d, atol=1e-11 * max(np.abs(H).max(), 1.0))
     np.testing.assert_allclose(H, np.array(H_num) * scale, atol=1e-5 * max(np.abs(H).max(), 1.0))
 
 
