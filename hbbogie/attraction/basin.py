@@ -21,6 +21,7 @@ from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import default_reach
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.motion.integration import initial_state
 from hbbogie.parallel.pool import worker_pool
 from hbbogie.parallel.processes import LOOK, interruptions, told_to_stop
@@ -142,6 +143,15 @@ def find_basin(
         stable=np.array([max(some, default=np.nan) for some in stable]),
         parameters={key: value for key, value in system.values.items() if key != parameter},
         notes=tuple(dict.fromkeys(notes)),
+        attractor=_attractors(system, cycles, ends.cycle) if system.groups else None,
+    )
+
+
+def _attractors(system: System, cycles: Sequence[Sequence[Orbit]], reached: NDArray[np.int_]) -> NDArray[np.str_]:
+    """Return what moves on the cycle that each motion reaches, "" where it reaches none."""
+    names = [[moving_groups(system, o) for o in some if o.verdict == "stable"] for some in cycles]
+    return np.array(
+        [[own[k] if k >= 0 else "" for k in row] for own, row in zip(names, reached, strict=True)], dtype=str
     )
 
 

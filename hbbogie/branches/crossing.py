@@ -42,26 +42,25 @@ def from_hopf(
     parameter: str,
     interval: tuple[float, float],
     unresolved: float = np.inf,
-    doubts: bool = True,
+    **options: Any,
 ) -> list[Branch]:
     """Trace the branch from a Hopf point, and those that leave it where all its cycles have one value of the parameter.
 
     Of such a family, as of a linear or conservative limit, some members are on branches that cross it, at amplitudes
     at which the derivative in the parameter is orthogonal to the left null vector (Melnikov's condition).
-    They end where the share of the highest harmonics is beyond what is ``unresolved``. Without ``doubts`` the status
-    of a fold does not say why it may be none.
+    They end where the share of the highest harmonics is beyond what is ``unresolved``. Further options are those of
+    `balanced_trace`.
 
     Raises
     ------
     ConvergenceError
         When no cycle is found next to the Hopf point.
     """
-    options: dict[str, Any] = {"stability": False}
-    single: dict[str, Any] = {**options, "families": False, "unresolved": unresolved, "doubts": doubts}
+    single: dict[str, Any] = {"stability": False, "families": False, "unresolved": unresolved, **options}
     branch = balanced_trace(equations, hopf, parameter, interval, **single)
     if not is_family(branch, interval):
         return [branch]
-    found, family = [branch], trace(equations, hopf, parameter, interval, max_points=MEMBERS, **options)
+    found, family = [branch], trace(equations, hopf, parameter, interval, max_points=MEMBERS, stability=False)
     for special in family.special:
         if special.onward is not None:
             with suppress(ConvergenceError):
@@ -123,11 +122,6 @@ def _between(branch: Branch, i: int, value: float) -> Orbit:
 def complete(branch: Branch) -> bool:
     """Tell whether a branch was followed to both its ends."""
     return all(end.complete for end in branch.ends)
-
-
-def unfinished(branch: Branch) -> str:
-    """Return why a branch was not followed to its ends; empty where it was."""
-    return "; ".join(str(end) for end in branch.ends if not end.complete)
 
 
 def extent(name: str, values: ArrayLike, ends: Iterable[Ending], how: str = "") -> str:

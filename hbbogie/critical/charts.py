@@ -112,10 +112,7 @@ def chart(
     whole("chart: harmonics", harmonics)
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")
-    window = (
-        check_interval(system, parameter, span),
-        check_interval(system, over, interval),
-    )
+    window = check_interval(system, parameter, span), check_interval(system, over, interval)
     equations = HarmonicBalance(harmonics).equations(system)
     search = _Search(equations, (parameter, over), window, longest, methods)
     for name, asked, kept in zip((parameter, over), (span, interval), window, strict=True):
@@ -222,7 +219,7 @@ class _Search:
             stuck = pieces[-1].ends[1].kind == "stuck" and self._onset_near(plane(curve, last)) is None
             if not stuck or (found := curve.beyond(last)) is None:
                 break
-            pieces.append(follow(*found, FOLD_TESTS, (), self.longest))
+            pieces.append(follow(found[0], found[1], FOLD_TESTS, (), self.longest))
         return pieces
 
     def _onset_near(self, here: Array) -> tuple[Array, float] | None:

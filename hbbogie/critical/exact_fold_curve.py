@@ -100,7 +100,7 @@ class ExactFoldCurve:
         m = self.closing.m
         K = np.zeros((m + 1, m + 1))
         K[:m, :m], K[:m, m], K[m, :m] = at.J[0, :, :m], self.w[0], self.v[0]
-        inverse = np.linalg.inv(K)
+        inverse = np.asarray(np.linalg.inv(K), dtype=np.float64)
         return float(inverse[m, m]), inverse[None, :m, m], inverse[None, m, :m]
 
     def settle(self, u: Array) -> None:

@@ -25,6 +25,7 @@ SMALLEST = 1e-3  # first-harmonic amplitude, in units of its scale, at which a c
 LINEAR = 1e-12  # bend, in units of the largest second derivative, at which the cycles are those of a linear system
 LEAPS = (1e-3, 1e-2)  # distances beyond a grazing contact at which the curve is taken up again, of the chart's width
 ASTRAY = 0.2  # distance from the expected value, in units of the leap, up to which a fold is one of the same curve
+NEAR = 3e-3  # scaled distance up to which second derivatives serve to correct a point
 VICINITY = 0.1  # of the chart's height: where the fold is looked for there
 
 
@@ -69,12 +70,13 @@ class FoldCurve:
         self.window = {m: span, m + 1: interval}
         self._second = equations.hessian(places)
         self.normal = np.ones(m)
-        self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
+        self._kept: tuple[Array, Array] | None = None  # unknowns, and second derivatives there
+        self._states: dict[bytes, FoldState] = {}
 
     def linearise(self, u: Array) -> Dense:
         """Return the equations and their derivative."""
         m, psi = self.m, u[self.m + 2 :]
-        F, J, H = self._derivatives(u)
+        F, J, H = self._derivatives(u, NEAR)
         G = np.concatenate([F, psi @ J[:, :m], [self.normal @ psi - 1]])
         D = np.zeros((2 * m + 1, 2 * m + 2))
         D[:m, : m + 2], D[m : 2 * m, : m + 2], D[m : 2 * m, m + 2 :], D[2 * m, m + 2 :] = (
@@ -85,16 +87,19 @@ class FoldCurve:
         )
         return Dense(G, D)
 
-    def _derivatives(self, u: Array) -> tuple[Array, Array, Array]:
-        """Return F, its derivative and the second derivative of psi . F, all scaled."""
-        if self._last is not None and self._last[0] is u:
-            return self._last[1]
+    def _derivatives(self, u: Array, near: float = 0.0) -> tuple[Array, Array, Array]:
+        """Return F, its derivative and the second derivative of psi . F, all scaled.
+
+        The last costs twenty times as much as the others. It may be that of a place up to a distance away: corrections
+        of points with it converge as well.
+        """
         y, psi = u[: self.m + 2], u[self.m + 2 :]
         F, J = self.problem.evaluate(y)
-        H = self._second(y[: self.m], self.problem.parameters(y), psi / self.rows).full()
-        scaled = F / self.rows, J / self.rows[:, None] * self.size, H * np.outer(self.size, self.size)
-        self._last = u, scaled
-        return scaled
+        scaled = F / self.rows, J / self.rows[:, None] * self.size
+        if self._kept is None or np.abs((u - self._kept[0]) / self.scale).max() > near:
+            H = self._second(y[: self.m], self.problem.parameters(y), psi / self.rows).full()
+            self._kept = u.copy(), H * np.outer(self.size, self.size)
+        return *scaled, self._kept[1]
 
     def doubt(self, point: Point) -> str:
         """Return why the cycle at a point is not resolved; empty where it is."""
@@ -120,7 +125,7 @@ class FoldCurve:
             return Ending("vanishes", f"the cycle shrinks to the equilibrium near {self.where(u)}")
         if met:
             return Ending("bound", f"a bound was reached near {self.where(u)}: {', '.join(map(str, met))}")
-        linear = abs(self._bend(u)) <= LINEAR * float(np.abs(self._derivatives(u)[2]).max())
+        linear = abs(self._state_at(u).bend) <= LINEAR * float(np.abs(self._derivatives(u)[2]).max())
         return Ending("contact", f"the cycle no longer reaches a contact near {self.where(u)}") if linear else None
 
     def at(self, index: int, value: float) -> Ending:
@@ -158,15 +163,19 @@ class FoldCurve:
 
     def state(self, point: Point) -> FoldState:
         """Return what is to be known about a point of the curve."""
-        first, second = point.u[self.m + 2 :] @ self._derivatives(point.u)[1][:, self.m :]
+        return self._state_at(point.u)
+
+    def _state_at(self, u: Array) -> FoldState:
+        if (known := self._states.get(u.tobytes())) is not None:
+            return known
+        _, J, H = self._derivatives(u)
+        first, second = u[self.m + 2 :] @ J[:, self.m :]
+        phi = np.linalg.svd(J[:, : self.m])[2][-1]
         with np.errstate(divide="ignore"):
             slope = -float(second * self.size[self.m] / (first * self.size[self.m + 1]))
-        return FoldState(self._bend(point.u), float(first), slope)
-
-    def _bend(self, u: Array) -> float:
-        _, J, H = self._derivatives(u)
-        phi = np.linalg.svd(J[:, : self.m])[2][-1]
-        return float(phi @ H[: self.m, : self.m] @ phi)
+        state = FoldState(float(phi @ H[: self.m, : self.m] @ phi), float(first), slope)
+        self._states[u.tobytes()] = state
+        return state
 
     def beyond(self, point: Point) -> tuple[FoldCurve, Point] | None:
         """Return this curve and a point beyond one at which it is not smooth, where a contact grazes at the fold.

@@ -19,6 +19,7 @@ from hbbogie.solving.curve import Point
 Array = NDArray[np.float64]
 Test = Callable[[Any, Point], float]
 Mark = tuple[str, Point, Any, Any]
+JUDGED = 15  # folds along a curve whose cycles are judged
 SAME = 1e-6  # distance up to which two points are one, of the frequency and of the chart's height
 VANISHED = 1e-6  # what may be left of a function where it changes its sign, in units of its values before and after
 
@@ -139,13 +140,13 @@ def passes(found: Followed, special: Any, value: float) -> bool:
 
 
 def unresolved(found: Followed, name: str) -> str:
-    """Return a sentence about the folds of a curve that are not resolved; empty where all are."""
-    pairs = zip(found.curves, found.points, strict=True)
-    over = [plane(curve, point)[2] for curve, point in pairs if curve.doubt(point)]
+    """Return a sentence about the folds of a curve that are not resolved, of some along it; empty where all are."""
+    some = np.unique(np.linspace(0, len(found.points) - 1, JUDGED).round().astype(int))
+    over = [plane(found.curves[i], found.points[i])[2] for i in some if found.curves[i].doubt(found.points[i])]
     if not over:
         return ""
     return (
-        f"On a curve of folds {len(over)} of {len(found.points)} are not resolved and perhaps not there, for "
+        f"On a curve of folds {len(over)} of {len(some)} that were judged are not resolved and perhaps not there, for "
         f"{name} from {min(over):.6g} to {max(over):.6g}; take more harmonics."
     )
 

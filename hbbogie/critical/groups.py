@@ -12,11 +12,14 @@ from hbbogie.branches.motions import recurrences, sample_distance
 from hbbogie.branches.same import of_prime_period, once_each, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.methods.equations import Equations
+from hbbogie.model.system import System
 from hbbogie.motion.energy import alone, moving_groups
 from hbbogie.results import Branch, Orbit
 from hbbogie.results.failure import FAILURES
 from hbbogie.solving.solvers import solve
+from hbbogie.stability.multipliers import floquet
 
+REST = 2.0  # errors of the trivial multiplier that another one may be off
 SMALLEST = 1e-3  # size of a state that rests, relative to the largest of its kind
 
 
@@ -56,17 +59,19 @@ def cycles_of_groups(
         if time_is_over():
             yield f"{said} was not begun before the time limit", None
             continue
-        kind, orbit = "undecided", None
+        kind, cycle, near = "undecided", None, False
         for met in recurrences(system, x, h, size, marks):
-            kind, orbit = met.kind, met.orbit
-        if orbit is None or kind in ("rest", "known"):
+            kind, near = met.kind, met.orbit is not None
+            if met.orbit is None or kind == "known":
+                continue
+            cycle = _confirmed(equations, met.orbit, {name: value})
+            if cycle is not None and _attracts(system, cycle):  # the motion does not leave it
+                break
+        if not near or kind in ("rest", "known"):
             ends = {"rest": "came to rest", "known": "came to a cycle of a branch followed already"}
             yield f"{said} {ends.get(kind, 'did not come to a cycle')}", None
             continue
-        try:
-            at: dict[str, Any] = {name: value}
-            cycle = solve(equations, _once_through(orbit), method="newton", **at)
-        except FAILURES:
+        if cycle is None:
             yield f"{said} came near a cycle that harmonic balance does not confirm", None
             continue
         if len(once_each([*known, cycle])) == len(known):
@@ -75,6 +80,21 @@ def cycles_of_groups(
         known.append(cycle)
         marks.append(signature(cycle))
         yield f"{said} came to another cycle ({moving_groups(system, cycle)})", cycle
+
+
+def _confirmed(equations: Equations, orbit: Orbit, at: dict[str, Any]) -> Orbit | None:
+    """Return the cycle of harmonic balance near a recurrence; None where there is none."""
+    try:
+        return solve(equations, _once_through(orbit), method="newton", **at)
+    except FAILURES:
+        return None
+
+
+def _attracts(system: System, cycle: Orbit) -> bool:
+    """Tell whether a cycle of few harmonics is stable beyond the error that its trivial multiplier shows."""
+    stability = floquet(system, cycle)
+    largest = stability.largest()
+    return largest is not None and largest + REST * stability.trivial_error < 1
 
 
 def _once_through(orbit: Orbit) -> Orbit:

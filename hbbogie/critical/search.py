@@ -9,7 +9,7 @@ from typing import Any
 from hbbogie.branches.closed_form import exact_branch, exact_critical, exact_walk
 from hbbogie.branches.collocated import collocated_critical, followed_from
 from hbbogie.branches.continuation import balanced_trace
-from hbbogie.branches.crossing import complete, extent, from_hopf, unfinished
+from hbbogie.branches.crossing import complete, extent, from_hopf
 from hbbogie.branches.resolution import MEET, doubt_at_fold
 from hbbogie.collocation.method import Collocation
 from hbbogie.critical.folds import fold, located_fold
@@ -31,6 +31,8 @@ BY = {"exact": "in closed form", "mhb": "by harmonic balance", "collocation": "b
 ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in turn
 APART = 0.01  # share of the interval by which a fold must lie above another one to stay so with more harmonics
 SMALL = 1e-3  # share of the interval up to which what harmonics leave out is corrected for, by which a fold is shifted
+# branches only lead to their folds, each of which is solved for again, and whose multipliers then tell of doubts
+COARSELY: dict[str, Any] = {"tolerance": 1e-7, "doubts": False}
 RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
 
@@ -74,13 +76,13 @@ class Search:
             if cycle is None:
                 continue
             try:
-                branch = balanced_trace(coarse, cycle, parameter, span, families=False, stability=False, doubts=False)
+                branch = balanced_trace(coarse, cycle, parameter, span, families=False, stability=False, **COARSELY)
                 found = [self._solved(special, True) for special in by_value(branch)]
             except FAILURES as error:
                 self.undecided.append(f"the branch of {said} was not followed: {error}")
                 continue
             self.evidence.append(extent("its branch", branch.values, branch.ends))
-            if why := unfinished(branch):
+            if why := branch.unfinished:
                 self.undecided.append(f"the branch of {said} was not followed to its ends: {why}")
             self.branches.append(branch)
             self._add(found, cycle.parameters[parameter])
@@ -167,9 +169,7 @@ class Search:
         return _Followed(said, folds, whole, branches)
 
     def _traced(self, hopf: SpecialPoint, H: int) -> list[Branch]:
-        return from_hopf(
-            HarmonicBalance(H).equations(self.system), hopf, hopf.parameter, self.span, doubts=False
-        )  # each fold is solved for again, and its multipliers then tell
+        return from_hopf(HarmonicBalance(H).equations(self.system), hopf, hopf.parameter, self.span, **COARSELY)
 
     def _solved(self, special: SpecialPoint, last: bool) -> Critical:
         """Return a fold of a branch with its gradient; of the last attempt without one where that does not converge."""

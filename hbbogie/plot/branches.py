@@ -69,7 +69,7 @@ def branch(
         Points drawn on top: parameter values, shape (k,), and amplitudes, shape (k,), in the units of
         the parameter and of the coordinate; marker as in matplotlib.
     labels : sequence of str
-        One for each branch.
+        One for each branch; branches of one label have one colour.
     parameter_label : str
         Label of the axis, with unit, such as "speed V [m/s]"; the parameter's name where left out.
     special : sequence of SpecialPoint
@@ -274,17 +274,18 @@ def _over_parameter(
     named_in_legend: bool = True,
 ) -> None:
     """Draw branches and special points over the parameter at their heights."""
-    met = set[str]()
+    met, named = set[str](), list(dict.fromkeys(labels or ()))
     for i, b in enumerate(many):
         # the colour tells the verdict, or the branch where branches are named: the line tells the verdict always
-        shades = SHADES if labels is None else dict.fromkeys(LINES, NEUTRAL[i % len(NEUTRAL)])
+        place = 0 if labels is None else named.index(labels[i])
+        shades = SHADES if labels is None else dict.fromkeys(LINES, NEUTRAL[place % len(NEUTRAL)])
         found = pieces(b, height)
         if labels is not None and set(b.verdicts) == {"unknown"}:  # no verdicts to tell: wide below narrow ones
             for _, points in found:
                 ax.plot(*points.T, color=shades["stable"], lw=1.3 + 1.1 * (len(many) - 1 - i), zorder=3, label="_")
         else:
             met |= draw_pieces(ax, found, shades)
-        if labels is not None and named_in_legend:
+        if labels is not None and named_in_legend and labels[i] not in labels[:i]:
             ax.plot([], [], color=shades["stable"], label=labels[i])
     if named_in_legend:
         for verdict in (v for v in LINES if v in met - {*ax.get_legend_handles_labels()[1]}):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from hbbogie.units import per_second
 
 # pale, so that the branch stands out: the stable cycle's colour where motions settle on it
 ENDS = {"rest": "#eef1f3", "cycle": "#bcd9ec", "undecided": "#f6dfa6"}
+ATTRACTORS = ("#bcd9ec", "#cbe5bf", "#e2cbe8", "#f3c8b4", "#c9d2f0", "#d8d5b8")  # pale, by what moves on the cycle
 NAMES = {"rest": "comes to rest", "cycle": "settles on a cycle", "undecided": "undecided"}
 
 
@@ -42,6 +44,8 @@ def basin(
     parameter_label: str | None = None,
 ) -> Axes:
     """Draw how motions end over the parameter and the initial amplitude, with the branches of cycles.
+
+    Where the coordinates belong to groups of bodies, the colour tells which of them move on the cycle that is reached.
 
     Parameters
     ----------
@@ -59,24 +63,25 @@ def basin(
     ax.set_ylabel(f"[{unit}]")  # the branch keeps the unit that stands on the axis
     if branches:
         _branch(ax, branches, scan.coordinate, special)
-    kinds = list(ENDS)
-    codes = np.array([[kinds.index(str(end)) for end in row] for row in scan.outcome])
+    kinds, ends = scan.kinds, scan.ends
+    shades = dict(zip((k for k in kinds if k not in ENDS), cycle(ATTRACTORS), strict=False)) | ENDS
+    codes = np.array([[kinds.index(str(end)) for end in row] for row in ends])
     x = np.repeat(_edges(scan.values[None]).T, codes.shape[1] + 1, axis=1)
     rows = factor * _edges(scan.amplitudes)
     y = np.vstack([rows[:1], 0.5 * (rows[:-1] + rows[1:]), rows[-1:]])
-    colours = ListedColormap(list(ENDS.values()))
-    mesh = ax.pcolormesh(x, y, codes, cmap=colours, norm=BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3), zorder=0.5)
+    colours, steps = ListedColormap([shades[kind] for kind in kinds]), np.arange(len(kinds) + 1) - 0.5
+    mesh = ax.pcolormesh(x, y, codes, cmap=colours, norm=BoundaryNorm(steps, len(kinds)), zorder=0.5)
     mesh.set_edgecolor("face")  # no hairlines between cells
     for kind in kinds:
-        if (scan.outcome == kind).any():
+        if (ends == kind).any():
             dress: dict[str, Any] = {
                 "marker": "s",
                 "s": 70,
-                "color": ENDS[kind],
+                "color": shades[kind],
                 "edgecolors": "#999999",
                 "linewidths": 0.6,
             }
-            ax.scatter([], [], label=NAMES[kind], **dress)
+            ax.scatter([], [], label=NAMES.get(kind, f"settles on a cycle: {kind}"), **dress)
     ax.set_axisbelow(False)
     ax.grid(False)
     ax.set_xlim(x.min(), x.max())

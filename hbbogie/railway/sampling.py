@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -63,19 +63,17 @@ def sampling_error(
     >>> bool(sampling_error(wheel, uic60(), shift, [3.0])["wheel"][0] > 0.05)
     True
     """
-    others = {"wheel": left_wheel, "rail": left_rail}
-    own = {"wheel": wheel, "rail": rail}
-    found = partial(_conicity, shift, amplitude, geometry)
-    reference, changes = found(own, others), {}
-    for part in own:
+    given = {"wheel": wheel, "rail": rail, "left_wheel": left_wheel, "left_rail": left_rail}
+    reference, changes = _conicity(given, shift, amplitude, geometry), {}
+    for part in ("wheel", "rail"):
         rows = []
         for first in (0, 1):
-            thinned = [
-                profiles | {part: _thinned(given, first)} if (given := profiles[part]) else profiles
-                for profiles in (own, others)
-            ]
             try:
-                rows.append(np.abs(found(*thinned) - reference))
+                thinned = {
+                    name: _thinned(profile, first) if profile is not None and name.endswith(part) else profile
+                    for name, profile in given.items()
+                }
+                rows.append(np.abs(_conicity(thinned, shift, amplitude, geometry) - reference))
             except ModelError:  # there are too few points, or half of them make no wheel on a rail
                 rows.append(np.full_like(reference, np.inf))
         worst = np.where(np.isnan(rows), np.inf, rows).max(axis=0)
@@ -84,14 +82,10 @@ def sampling_error(
 
 
 def _conicity(
-    shift: ArrayLike,
-    amplitude: ArrayLike,
-    geometry: dict[str, Any],
-    own: dict[str, Profile],
-    others: dict[str, Profile | None],
+    profiles: Mapping[str, Profile | None], shift: ArrayLike, amplitude: ArrayLike, geometry: Mapping[str, Any]
 ) -> Array:
-    left = {f"left_{part}": profile for part, profile in others.items()}
-    contact = contact_geometry(own["wheel"], own["rail"], shift, **left, **geometry)
+    options: dict[str, Any] = {**profiles, **geometry}
+    contact = contact_geometry(shift=shift, **options)
     return equivalent_conicity(shift, contact.radius_difference, amplitude).equivalent
 
 

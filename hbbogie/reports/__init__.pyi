@@ -13,6 +13,7 @@ from .cycles import identification as identification
 from .cycles import run_of as run_of
 from .design import design_of as design_of
 from .exchange import export_of as export_of
+from .figures import by_mode as by_mode
 from .figures import draw as draw
 from .figures import load_saved as load_saved
 from .figures import plot_branch as plot_branch

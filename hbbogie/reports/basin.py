@@ -133,6 +133,10 @@ def _sentences(scan: Basin, system: System, counts: dict[str, int]) -> tuple[str
     said = [
         f"Of {scan.outcome.size} motions {counts['rest']} come to rest and {counts['cycle']} end on a cycle{undecided}."
     ]
+    attractors = [k for k in scan.kinds if k not in ("rest", "cycle", "undecided")]
+    if attractors:
+        each = ", ".join(f"{k} {int((scan.ends == k).sum())}" for k in attractors)
+        said.append(f"Of those that end on a cycle there move: {each}.")
     both = [float(v) for i, v in enumerate(scan.values) if {"rest", "cycle"} <= set(map(str, scan.outcome[i]))]
     unit = "" if scan.parameter_unit in ("", "1") else f" {scan.parameter_unit}"
     if both:
@@ -148,30 +152,32 @@ def _sentences(scan: Basin, system: System, counts: dict[str, int]) -> tuple[str
 
 def basin_table(scan: Basin) -> Table:
     """Return for each parameter value the cycles' peaks, and between which initial amplitudes the outcome changes."""
-    name = scan.coordinate
+    name, ends = scan.coordinate, scan.ends
+    names = {"rest": "at rest", "cycle": "on a cycle", "undecided": "undecided"}
+    counted = {k: names.get(k, f"on a cycle: {k}") for k in scan.kinds if k != "cycle" or (ends == k).any()}
+    if scan.attractor is None:
+        counted = names
     columns = (
         label(scan.parameter, scan.parameter_unit),
         label(f"peak {name}, unstable cycle", scan.unit),
         label(f"peak {name}, stable cycle", scan.unit),
         label("largest at rest", scan.unit),
         label("smallest on a cycle", scan.unit),
-        "at rest",
-        "on a cycle",
-        "undecided",
+        *counted.values(),
     )
     rows = []
     for i, value in enumerate(scan.values):
         rest, cycle = (scan.amplitudes[i][scan.outcome[i] == kind] for kind in ("rest", "cycle"))
-        ends = (float(rest.max()) if len(rest) else None, float(cycle.min()) if len(cycle) else None)
+        changes = (float(rest.max()) if len(rest) else None, float(cycle.min()) if len(cycle) else None)
         known = [float(v) if np.isfinite(v) else None for v in (scan.unstable[i], scan.stable[i])]
-        counts = (int(scan.count(kind)[i]) for kind in ("rest", "cycle", "undecided"))
-        rows.append((float(value), *known, *ends, *counts))
+        counts = (int((ends[i] == kind).sum()) for kind in counted)
+        rows.append((float(value), *known, *changes, *counts))
     return Table(
         "basin",
         f"{scan.system}: how motions end, by initial amplitude of {name}",
         columns,
         tuple(rows),
-        (".6g", ".5g", ".5g", ".5g", ".5g", "d", "d", "d"),
+        (".6g", ".5g", ".5g", ".5g", ".5g", *["d"] * len(counted)),
     )
 
 
@@ -190,6 +196,6 @@ def motions_table(scan: Basin) -> Table:
     for i, j in np.ndindex(*scan.outcome.shape):
         peak = float(scan.reached[i, j])
         numbers = (float(scan.values[i]), float(scan.factors[j]), float(scan.amplitudes[i, j]))
-        end = (str(scan.outcome[i, j]), float(scan.time[i, j]), peak if np.isfinite(peak) else None)
+        end = (str(scan.ends[i, j]), float(scan.time[i, j]), peak if np.isfinite(peak) else None)
         rows.append((*numbers, *end, str(scan.reason[i, j])))
     return Table("basin_motions", "All motions", columns, tuple(rows), (".6g", ".6g", ".6g", "", ".4g", ".5g", ""))

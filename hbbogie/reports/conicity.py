@@ -119,8 +119,8 @@ def _of_points(name: str, curve: Conicity, change: NDArray[np.float64]) -> str:
     if change[worst] <= COARSE:
         return f"{said[0].upper()}{said[1:]}."
     return (
-        f"WARNING: the points of {name} are too far apart: {said}, where it is {curve.equivalent[worst]:.3f}. Its error "
-        "may come near to that. Give points closer together."
+        f"WARNING: the points of {name} are too far apart: {said}, where it is {curve.equivalent[worst]:.3f}. "
+        "Its error may come near to that. Give points closer together."
     )
 
 

@@ -78,8 +78,8 @@ def critical_of(
     data["critical"] = [_data(c) for c in found]
     data["lowest"] = [_data(c) | {"energy": energy_shares(system, c.orbit)} for c in found.lowest.values() if c.moves]
     data["coexistence"] = [{"interval": c.interval} | ({"moves": c.fold.moves} if c.fold.moves else {}) for c in both]
-    own = _lowest(system, found, unit), _disturbances(system, both, unit)
-    tables = (_values(system, found, unit), *(t for t in own if t is not None), _gradients(system, found, unit))
+    between = _lowest(system, found, unit), _disturbances(system, both, unit)
+    tables = (_values(system, found, unit), *(t for t in between if t), _gradients(system, found, unit))
     return Report(
         f"{system.name}: critical values of {name}",
         tables,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,26 @@ def moves_along(system: System, found: Diagram) -> dict[str, str]:
     return {name: ", ".join(t for t in texts if t) for name, texts in told.items()}
 
 
+def by_mode(system: System, branches: Sequence[Branch]) -> tuple[list[Branch], list[str]]:
+    """Return the stretches of branches along which the same groups of bodies move, and which these are.
+
+    Neighbouring stretches share a cycle, so that they meet in a figure.
+
+    Parameters
+    ----------
+    system : System
+    branches : sequence of Branch
+    """
+    parts, names = list[Branch](), list[str]()
+    for branch in branches:
+        moves = [moving_groups(system, o) or "rest" for o in branch.orbits]
+        cuts = [0, *(i for i in range(1, len(moves)) if moves[i] != moves[i - 1]), len(moves)]
+        for first, last in pairwise(cuts):
+            parts.append(branch[max(first - 1, 0) : last])
+            names.append(moves[first])
+    return parts, names
+
+
 def diagram_figures(system: System, found: Diagram) -> Figures:
     """Return the figures of curves of cycles over a parameter, and of families."""
     parameter = system.parameter(found.parameter)
@@ -45,8 +66,8 @@ def diagram_figures(system: System, found: Diagram) -> Figures:
     figures: Figures = {}
     if many:
         about: dict[str, Any] = {"parameter_label": across, "special": found.hopf}
-        if moves := moves_along(system, found):
-            about["labels"] = [f"{name}: {moves[name]}" for name in found.branches]
+        if system.groups:
+            many, about["labels"] = by_mode(system, many)
         figures["amplitude"] = partial(draw, "branch", many, y=q, **about)
         figures["frequency"] = partial(draw, "frequency", many, **about)
         if system.output_names:

@@ -12,7 +12,7 @@ from hbbogie.critical.limits import limit_points
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.motion.energy import moving_groups
-from hbbogie.reports.figures import draw
+from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch, LimitLine, LimitPoint, SpecialPoint
@@ -58,7 +58,7 @@ def with_limit(report: Report, system: System, of: str, limit: float, quantity: 
         f"{system.parameter(branches[0].parameter).description} {branches[0].parameter}".strip(), branches[0].unit
     )
     options = {"y": of, "quantity": quantity, "limits": [line], "special": special, "parameter_label": across}
-    figures = {**report.figures, "limit": partial(draw, "branch", branches, **options)}
+    figures: Figures = {**report.figures, "limit": partial(draw, "branch", branches, **options)}
     sentences = [f"{_begun(_where(system, c))} {told}: {_influence(c)}." for _, c in points]
     tables = (*report.tables, _places(system, points, told), _gradients(system, points))
     return replace(report, tables=tables, figures=figures, notes=(*sentences, *notes, *report.notes))
@@ -70,7 +70,7 @@ def _met(
     """Return the points with the names of their branches, and a sentence on each branch whose points were lost."""
     found, notes = list[tuple[str, LimitPoint]](), list[str]()
     for name, branch in branches.items():
-        equations = HarmonicBalance(min(MOST, max(o.kept for o in branch.orbits))).equations(system)
+        equations = HarmonicBalance(min(MOST, max(o.kept or MOST for o in branch.orbits))).equations(system)
         try:
             points = limit_points(equations, branch, of, limit, quantity)
         except FAILURES as error:

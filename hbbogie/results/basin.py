@@ -56,6 +56,9 @@ class Basin:
         The other parameters' values.
     notes : tuple of str
         What could not be computed and why.
+    attractor : ndarray of str, shape (values, factors), or None
+        What moves on the cycle that is reached, such as "front bogie"; "" elsewhere. None where the coordinates belong
+        to no groups of bodies.
     """
 
     system: str
@@ -75,9 +78,25 @@ class Basin:
     stable: Array
     parameters: dict[str, float]
     notes: tuple[str, ...] = ()
+    attractor: NDArray[np.str_] | None = None
+
+    @property
+    def ends(self) -> NDArray[np.str_]:
+        """How each motion ends, told apart by attractor where that is known, shape (values, factors)."""
+        if self.attractor is None:
+            return self.outcome
+        return np.where(self.attractor == "", self.outcome, self.attractor)
+
+    @property
+    def kinds(self) -> list[str]:
+        """Every way to end, rest first, then the attractors, undecided last."""
+        met = [str(end) for end in np.unique(self.ends) if end not in OUTCOMES]
+        return ["rest", *sorted(met, key=lambda kind: (kind in ("both", "all"), kind)), *OUTCOMES[1:]]
 
     def __repr__(self) -> str:
-        counts = ", ".join(f"{int(self.count(o).sum())} {o}" for o in OUTCOMES)
+        ends = self.ends
+        shown = [k for k in self.kinds if k != "cycle" or self.attractor is None or (ends == k).any()]
+        counts = ", ".join(f"{int((ends == k).sum())} {k}" for k in shown)
         low, high = float(self.amplitudes.min()), float(self.amplitudes.max())
         factor, unit = readable(self.unit, max(abs(low), abs(high)))
         values = f"{self.parameter} from {self.values.min():.6g} to {self.values.max():.6g} {self.parameter_unit}"
@@ -114,6 +133,8 @@ class Basin:
             "unstable": (self.parameter, self.unstable, unit | {"long_name": "peak of the smallest unstable cycle"}),
             "stable": (self.parameter, self.stable, unit | {"long_name": "peak of the largest stable cycle"}),
         }
+        if self.attractor is not None:
+            data["attractor"] = (grid, self.attractor.astype(str), {"long_name": "what moves on the cycle"})
         labels: dict[str, Any] = {
             self.parameter: (self.parameter, self.values, {"units": self.parameter_unit}),
             "factor": ("factor", self.factors, {"long_name": self.direction}),
@@ -152,6 +173,7 @@ class Basin:
             stable=get["stable"],
             parameters=json.loads(about["parameters"]),
             notes=tuple(json.loads(about["notes"])),
+            attractor=get["attractor"].astype(str) if "attractor" in get else None,
         )
 
     def save(self, path: str | Path) -> None:

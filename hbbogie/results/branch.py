@@ -27,16 +27,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 MARKS = 6  # special points shown at most
-TAKEN = {
-    "coordinate",
-    "parameter",
-    "output",
-    "point",
-    "sample",
-    "special",
-    "onward",
-    "row",
-}  # names of a dataset beside its variables
+# names of a dataset beside its variables
+TAKEN = {"coordinate", "parameter", "output", "point", "sample", "special", "onward", "row"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +204,11 @@ class Branch:
     def verdicts(self) -> tuple[str, ...]:
         """Stability verdict of each point ("unknown" where it was not computed)."""
         return tuple(o.stability.verdict if o.stability else "unknown" for o in self.orbits)
+
+    @property
+    def unfinished(self) -> str:
+        """Why it was not followed to its ends; empty where it was."""
+        return "; ".join(str(end) for end in self.ends if not end.complete)
 
     def folds(self) -> tuple[SpecialPoint, ...]:
         """Return the folds."""

@@ -287,3 +287,14 @@ class TestFindCycles:
         assert [c.first_harmonic("x") for c in found] == pytest.approx(radii, rel=1e-9)
         critical = hb.critical_speeds(system, "mu", (-1.0, 1.0))
         assert [(c.kind, c.value) for c in critical] == [("fold", pytest.approx(-0.25, abs=1e-9)), ("hopf", 0.0)]
+
+
+def test_unfinished_names_the_end_that_was_not_reached():
+    """Of a branch that reaches the end of the interval one way, and runs out of points the other way."""
+    system = hb.load_problem("bautin").bautin()
+    balance = hb.HarmonicBalance(3).equations(system)
+    cycle = max(hb.find_cycles(system, mu=0.45), key=lambda o: o.amplitude("x"))
+    branch = hb.trace(balance, cycle, "mu", (-0.5, 0.5), max_points=8)
+    assert [end.kind for end in branch.ends] == ["points", "interval"]
+    assert branch.unfinished == str(branch.ends[0])
+    assert hb.trace(balance, cycle, "mu", (0.44, 0.46)).unfinished == ""

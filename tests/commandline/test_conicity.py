@@ -59,3 +59,12 @@ def test_what_is_refused(arguments, words):
     result = call(*arguments, "--json")
     assert result.exit_code == 2
     assert words in json.loads(result.stdout)["error"]
+
+
+def test_points_that_are_too_far_apart_are_told(tmp_path):
+    for step, warned in ((5.0, True), (0.5, False)):
+        y = np.arange(-65.0, 60.0, step)
+        np.savetxt(tmp_path / "wheel.txt", np.column_stack([y, s1002_height(y)]))
+        found = " ".join(call(tmp_path / "wheel.txt", "uic60").stdout.split())
+        assert ("WARNING: the points of wheel are too far apart" in found) == warned
+        assert "ithout every other point of wheel the conicity changes by up to" in found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import hbbogie as hb
@@ -50,7 +49,11 @@ def test_circles_in_closed_form():
 
 @pytest.mark.parametrize(
     ("of", "quantity", "limit"),
-    [("guiding forces, rear", "rms", 9e3), ("frame acceleration, front", "peak", 2.5), ("q1", "first harmonic", 9.2e-3)],
+    [
+        ("guiding forces, rear", "rms", 9e3),
+        ("frame acceleration, front", "peak", 2.5),
+        ("q1", "first harmonic", 9.2e-3),
+    ],
 )
 def test_gradient_is_that_of_neighbours_solved_for_anew(simple, traced, of, quantity, limit):
     equations, branch = traced

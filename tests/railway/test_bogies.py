@@ -245,3 +245,36 @@ def test_kaas_petersen_symmetry_breaks_and_a_torus(flanged):
         cycle = hb.verify(system, crossings(asymmetric, broken, V)[0]).orbit
         assert cycle.stability.verdict == verdict
         assert abs(cycle.stability.critical.imag) > 0.1
+
+
+# --- outputs ----------------------------------------------------------------------------------
+
+
+def test_outputs_of_the_wheelset_balance():
+    """Guiding forces hold mass and spring; the wear number is that of both creepages."""
+    system = WHEELSET.wheelset()
+    cycle = hb.find_cycles(system, V=46.0, parameter="V", interval=(30.0, 80.0))[-1]
+    t = np.linspace(0.0, cycle.period, 50)
+    q, p = cycle.q(t), cycle.parameters
+    at = {name: cycle.output(name).at(t) for name in system.output_names}
+    left = p["m"] * at["axle acceleration"] + p["ky"] * q[:, 0] + at["guiding forces"]
+    assert np.abs(left).max() < 1e-9 * np.abs(at["guiding forces"]).max()
+    lateral = (at["guiding forces"] - at["flange force"]) / (2 * p["f22"])
+    along = p["a"] * cycle.v(t)[:, 1] / p["V"] + p["lam"] * q[:, 0] / p["r0"]
+    worn = 2 * (p["f11"] * along**2 + p["f22"] * lateral**2)
+    assert at["wear number"] == pytest.approx(worn, rel=1e-9)
+
+
+def test_outputs_of_the_simple_bogie_balance():
+    simple = hb.load_problem("simple_bogie").simple_bogie()
+    cycle = hb.find_cycles(simple, V=70.0, parameter="V", interval=(50.0, 140.0))[-1]
+    t = np.linspace(0.0, cycle.period, 50)
+    q, v, p = cycle.q(t), cycle.v(t), cycle.parameters
+    at = {name: cycle.output(name).at(t) for name in simple.output_names}
+    both = at["guiding forces, front"] + at["guiding forces, rear"]
+    left = p["m"] * at["frame acceleration"] + 2 * p["D2"] * v[:, 0] + 2 * p["k4"] * q[:, 0] + both
+    assert np.abs(left).max() < 1e-9 * np.abs(both).max()
+    turning = at["frame acceleration, front"] - at["frame acceleration, rear"]
+    assert 2 * at["frame acceleration"] + turning == pytest.approx(2 * at["frame acceleration, front"], rel=1e-12)
+    assert cycle.output("flange force, rear").peak > 0 and cycle.mean("wear number, front") > 0
+    assert "flange force, front" not in hb.load_problem("simple_bogie").simple_bogie(flange=False).output_names

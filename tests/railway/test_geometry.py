@@ -16,6 +16,7 @@ from hbbogie.railway import (
     read_wheel,
     s1002,
     s1002_height,
+    sampling_error,
     uic60,
 )
 
@@ -359,3 +360,27 @@ def test_tables_that_are_refused():
         equivalent_conicity([5, -5], [1, -1], [1.0])
     with pytest.raises(ModelError, match="amplitude: got"):
         equivalent_conicity([-5, 5], [-1, 1], [0.0])
+
+
+# --- distance of the points -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [1.0, 3.0, 5.0])
+def test_error_of_the_sampling_is_bounded_by_leaving_out_every_other_point(step):
+    """Against the profile's formula, points at two places each; flange contact is where the error is largest."""
+    shift, amplitude = np.linspace(-8.0, 8.0, 161), [1.0, 3.0, 5.0, 6.0]
+    true = equivalent_conicity(shift, contact_geometry(s1002(), uic60(), shift).radius_difference, amplitude)
+    for offset in (0.0, 0.37):
+        y = np.arange(-68.0 + offset * step, 60.0, step)
+        wheel = Profile("sampled", y, s1002_height(y))
+        found = equivalent_conicity(shift, contact_geometry(wheel, uic60(), shift).radius_difference, amplitude)
+        error, bound = np.abs(found.equivalent - true.equivalent), sampling_error(wheel, uic60(), shift, amplitude)
+        assert (error <= bound["wheel"] + 1e-6).all()
+        assert (bound["wheel"].max() > 0.03) == (step > 1.0)
+        assert step > 1.0 or bound["rail"].max() < 0.03
+
+
+def test_too_few_points_to_leave_any_out():
+    y = np.array([-60.0, -45.0, -35.0, -30.0, -26.0, -20.0, -10.0, 0.0, 10.0, 20.0, 40.0, 58.0])
+    wheel = Profile("few", y, s1002_height(y))
+    assert sampling_error(wheel, uic60(), np.linspace(-3.0, 3.0, 31), [1.0])["wheel"] == [np.inf]

@@ -9,6 +9,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.branches import crossings
+from hbbogie.critical import coexistence
 from hbbogie.motion import moving_groups
 from hbbogie.stability import fold_shift
 from hbbogie.studies import smallest_critical
@@ -227,15 +228,25 @@ def test_attractors_are_told_apart_in_critical_speeds():
     """The lowest fold is that of both bogies; the front one's lies within its bound of the value known."""
     system = VEHICLE.vehicle()
     found = hb.critical_speeds(system, "V", VEHICLE.RANGE)
-    lowest = {}
-    for one in found:
-        if one.extremum == "minimum":
-            lowest.setdefault(moving_groups(system, one.orbit), one)
-    assert list(lowest) == ["both", "rear bogie", "front bogie"]
+    lowest = found.lowest
+    assert list(lowest) == ["both", "rear bogie", "front bogie"] and lowest["both"] is found[0] and found.complete
     front = lowest["front bogie"]
     assert front.value - front.error < KNOWN["fold front"]["V"] < front.value + front.error
     assert front.omega == pytest.approx(KNOWN["fold front"]["omega"], abs=0.01)
     assert any("only the rear bogie moves came to another cycle" in said for said in found.evidence)
+    both = coexistence(system, found)
+    assert [c.fold.moves for c in both] == ["both", "both", "front bogie"]
+    assert all(c.interval[1] == pytest.approx(KNOWN["hopf"]["base"][0][0], abs=1e-6) for c in both)
+    middle = [(c, o) for c in both for o in c.thresholds if 66.0 < o.parameters["V"] < 68.0]
+    rear = next(o for _, o in middle if moving_groups(system, o) == "rear bogie")
+    assert rear.stability.unstable == 1
+    at = system.with_parameters(V=rear.parameters["V"])
+    for size, grows in ((0.9, False), (1.1, True)):  # along the shape of the saddle larger motions grow
+        state = size * np.append(rear.q(0.0)[0], rear.v(0.0)[0])
+        names = [*system.coordinate_names, *(f"{name}'" for name in system.coordinate_names)]
+        motion = hb.simulate(at, dict(zip(names, state, strict=True)), 6.0)
+        late = np.abs(motion.q[-len(motion.q) // 10 :, system.index("y3")]).max()
+        assert (late > 1.2 * rear.amplitude("y3")) == grows
 
 
 @pytest.mark.slow

@@ -55,3 +55,21 @@ def test_coexistence_above_the_hopf_point():
         radius = (1 - (1 - 4 * cycle.parameters["mu"]) ** 0.5) / 2
         assert cycle.amplitude("x") == pytest.approx(radius**0.5, rel=1e-8)
     assert len(both.thresholds) == 7
+
+
+def test_the_same_critical_values_give_one_interval_for_one_branch_with_unstable_cycles(bogie):
+    """The thresholds are saddles: one multiplier is outside the unit circle, and the branches followed serve again."""
+    found = hb.critical_speeds(bogie, "V", (60.0, 120.0), harmonics=15)
+    assert found.branches
+    (both,) = coexistence(bogie, found)
+    (alone,) = coexistence(bogie, list(found))  # whose branch is traced
+    assert both.interval == alone.interval and both.fold is found[0]
+    for ours, theirs in zip(both.thresholds, alone.thresholds, strict=True):
+        assert ours.omega == pytest.approx(theirs.omega, rel=1e-9)
+        assert ours.stability.unstable == 1
+
+
+def test_lowest_folds_without_groups(bogie):
+    found = hb.critical_speeds(bogie, "V", (60.0, 120.0), harmonics=5)
+    assert list(found.lowest) == [""] and found.lowest[""] is found[0] and found[0].moves == ""
+    assert "lowest" not in {t.name for t in report_of("yang1995", method="mhb").tables}
