@@ -24,7 +24,7 @@ from hbbogie.methods.scales import amplitude_scale
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
-from hbbogie.motion.energy import alone
+from hbbogie.motion.energy import group_states
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import FAILURES
 
@@ -279,7 +279,7 @@ class Census:
 
     def look_in_groups(self) -> None:
         """Follow motions in which one group of bodies moves as in a cycle found, and the others rest."""
-        for where, x in alone(self.system, self.found):
+        for where, x in group_states(self.system, self.found):
             what = "not begun before the time limit"
             if not time_is_over():
                 what = self._motion(self.system, False, where, x, self._sample_distance(), self._sizes())

@@ -50,23 +50,62 @@ def critical_hessian(equations: Equations, critical: Critical, names: Sequence[s
     return _of_fold(equations, critical, place, places, p)
 
 
+def fold_motion(equations: Equations, critical: Critical, names: Sequence[str]) -> Array:
+    """Return the derivatives of a fold's unknowns z and of its value in k parameters, shape (m + 1, k).
+
+    Parameters
+    ----------
+    equations : Equations
+        Those with which the fold was found, in the phase of its orbit.
+    critical : Critical
+        A fold.
+    names : sequence of str
+        As of `critical_hessian`.
+    """
+    system = equations.system
+    places = tuple(system.parameter_names.index(system.parameter(n).name) for n in names)
+    p = system.vector(**critical.orbit.parameters)
+    place = system.parameter_names.index(critical.parameter)
+    p[place] = critical.value
+    fold = _FoldConditions(equations, critical, place, places, p)
+    m = equations.size
+    return np.asarray(fold.moved[: m + 1] * fold.scale[: m + 1, None])
+
+
 def _of_fold(equations: Equations, critical: Critical, place: int, places: tuple[int, ...], p: Array) -> Array:
-    equations = equations.phased(critical.orbit)
-    m, k = equations.size, len(places)
-    z, free = equations.encode(critical.orbit), (place, *places)
-    J = equations.derivatives(free)(z, p)[1].full()
-    scale = np.concatenate([equations.scale, [max(abs(critical.value), 1e-300)], np.ones(k)])
-    rows = equations.residual_scale
-    J = J / rows[:, None] * scale
-    Jy, Jp = J[:, : m + 1], J[:, m + 1 :]
-    # multipliers of the scaled equations, of the value as objective
-    multipliers = np.linalg.lstsq(Jy.T, -np.append(np.zeros(m), scale[m]), rcond=None)[0]
-    H = equations.hessian(free)(z, p, multipliers / rows).full() * np.outer(scale, scale)
-    Hyy, Hyp, Hpp = H[: m + 1, : m + 1], H[: m + 1, m + 1 :], H[m + 1 :, m + 1 :]
-    matrix = np.block([[Hyy, Jy.T], [Jy, np.zeros((m, m))]])
-    moved = np.linalg.solve(matrix, -np.vstack([Hyp, Jp]))
-    result = Hpp + Hyp.T @ moved[: m + 1] + Jp.T @ moved[m + 1 :]
+    fold = _FoldConditions(equations.phased(critical.orbit), critical, place, places, p)
+    result = fold.hessian + fold.slopes.T @ fold.moved
     return np.asarray((result + result.T) / 2)
+
+
+class _FoldConditions:
+    """The derivative of the scaled conditions of a fold in some parameters.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (m + 1 + k,)
+    slopes : ndarray, shape (2 m + 1, k)
+        Of the conditions of optimality and of the equations, in the parameters.
+    hessian : ndarray, shape (k, k)
+        Second derivatives of multipliers . F in the parameters.
+    moved : ndarray, shape (2 m + 1, k)
+        Derivatives of the unknowns, of the value and of the multipliers in the parameters.
+    """
+
+    def __init__(self, equations: Equations, critical: Critical, place: int, places: tuple[int, ...], p: Array):
+        m, k = equations.size, len(places)
+        z, free = equations.encode(critical.orbit), (place, *places)
+        J = equations.derivatives(free)(z, p)[1].full()
+        self.scale = scale = np.concatenate([equations.scale, [max(abs(critical.value), 1e-300)], np.ones(k)])
+        rows = equations.residual_scale
+        J = J / rows[:, None] * scale
+        Jy, Jp = J[:, : m + 1], J[:, m + 1 :]
+        # multipliers of the scaled equations, of the value as objective
+        multipliers = np.linalg.lstsq(Jy.T, -np.append(np.zeros(m), scale[m]), rcond=None)[0]
+        H = equations.hessian(free)(z, p, multipliers / rows).full() * np.outer(scale, scale)
+        matrix = np.block([[H[: m + 1, : m + 1], Jy.T], [Jy, np.zeros((m, m))]])
+        self.slopes, self.hessian = np.vstack([H[: m + 1, m + 1 :], Jp]), H[m + 1 :, m + 1 :]
+        self.moved = np.linalg.solve(matrix, -self.slopes)
 
 
 class HopfConditions:

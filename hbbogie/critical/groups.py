@@ -13,7 +13,7 @@ from hbbogie.branches.same import of_prime_period, once_each, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
-from hbbogie.motion.energy import alone, moving_groups
+from hbbogie.motion.energy import group_states, moving_groups
 from hbbogie.results import Branch, Orbit
 from hbbogie.results.failure import FAILURES
 from hbbogie.solving.solvers import solve
@@ -49,7 +49,7 @@ def cycles_of_groups(
     system = equations.system.with_parameters(**{name: value})
     known = [o for b in branches for o in crossings(equations, b, value)]
     marks, size = [signature(o) for o in known], np.zeros(system.n_states)
-    starts = alone(system, known)
+    starts = group_states(system, known)
     for _, x in starts:
         size = np.maximum(size, np.abs(x))
     size = np.maximum(size, SMALLEST * size.max())

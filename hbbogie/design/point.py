@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.brief import brief
-from hbbogie.critical.curvature import critical_hessian
+from hbbogie.critical.curvature import critical_hessian, fold_motion
 from hbbogie.critical.folds import Critical, fold
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.critical.search import coincide
@@ -23,11 +24,12 @@ from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
+SHORTEST = 0.05  # share of the way to another design at which a fold that is followed in steps is given up
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,8 @@ class DesignPoint:
     interval : (float, float), unit of the parameter
     critical : tuple of Critical
         Hopf points, and folds that are a minimum of the parameter, in increasing order.
+    names : tuple of str
+        Their names, such as "fold 1". A fold keeps its name from design to design.
     kept : dict
         Cycles computed at this design, by the quantity that needed them.
     """
@@ -73,6 +77,7 @@ class DesignPoint:
     parameter: str
     interval: tuple[float, float]
     critical: tuple[Critical, ...]
+    names: tuple[str, ...]
     kept: dict[Any, Orbit] = field(default_factory=dict)
 
     __repr__ = brief
@@ -97,6 +102,7 @@ def design_point(
     interval: tuple[float, float],
     harmonics: int = 15,
     near: DesignPoint | None = None,
+    anew: bool = False,
 ) -> DesignPoint:
     """Find the critical values at a design, from scratch or from a nearby design.
 
@@ -109,8 +115,10 @@ def design_point(
     harmonics : int
         Highest harmonic.
     near : DesignPoint, optional
-        A nearby design, whose folds are followed. No branch is traced unless the number of Hopf points has changed. A
-        fold that no longer exists is left out.
+        A nearby design, whose folds are followed. Branches are traced only if there are more Hopf points than there, or
+        if a fold that may be the smallest critical value is lost. Other folds that are lost are left out.
+    anew : bool
+        Whether branches are traced in any case; what they lead to is added to what is followed.
 
     Raises
     ------
@@ -126,40 +134,92 @@ def design_point(
             "critical value lies below the range.",
             statistics={"below": interval[0]},
         )
-    hopf = [] if near is None else hopf_points(system, parameter, interval)
-    if near is None or len(hopf) != sum(c.kind == "hopf" for c in near.critical):
-        found = [*critical_speeds(system, parameter, interval, harmonics=harmonics)]
-    else:
-        found = [hopf_gradient(system, h) for h in hopf]
-    for c in near.critical if near else ():  # a fold stays when its Hopf point leaves the range
-        warm = _followed(equations, c, parameter) if c.kind == "fold" else None
-        if warm is not None and not any(coincide(warm, other) for other in found):
-            found.append(warm)
-    kept = sorted((c for c in found if c.extremum != "maximum"), key=lambda c: c.value)
-    if kept and not kept[0].gradient and len(system.parameters) > 1:
-        raise ConvergenceError(
-            f"the {kept[0].kind} at {parameter} = {kept[0].value:g} has no gradient: {kept[0].status}"
-        )
-    cycles = {} if near is None else dict(near.kept)
-    return DesignPoint(system, equations, parameter, interval, tuple(c for c in kept if c.gradient), cycles)
+    known, sure = ({}, False) if near is None else _followed(near, system, harmonics)
+    if anew or not sure:
+        found = critical_speeds(system, parameter, interval, harmonics=harmonics)
+        new = [c for c in found if c.extremum != "maximum" and not _among(c, known)]
+        known |= _numbered(new, (*known, *near.names) if near else ())
+    kept = sorted(known.items(), key=lambda item: item[1].value)
+    if kept and not kept[0][1].gradient and len(system.parameters) > 1:
+        first = kept[0][1]
+        raise ConvergenceError(f"the {first.kind} at {parameter} = {first.value:g} has no gradient: {first.status}")
+    kept = [(name, c) for name, c in kept if c.gradient]
+    names, critical = tuple(name for name, _ in kept), tuple(c for _, c in kept)
+    cycles = {} if near is None or anew else dict(near.kept)
+    return DesignPoint(system, equations, parameter, interval, critical, names, cycles)
 
 
-def _followed(equations: Equations, c: Critical, parameter: str) -> Critical | None:
+def _followed(near: DesignPoint, system: System, harmonics: int) -> tuple[dict[str, Critical], bool]:
+    """Return the critical values by name as they follow from those of a nearby design, and whether that is enough."""
+    hopf = [hopf_gradient(system, h) for h in hopf_points(system, near.parameter, near.interval)]
+    found, lost = _numbered(hopf), dict[str, tuple[float, Critical]]()
+    for name, c in zip(near.names, near.critical, strict=True):
+        if c.kind == "fold":
+            there = _moved(c, near.system, system, harmonics)
+            if there is None or _among(there, found):
+                change = system.vector() - near.system.vector()
+                lost[name] = c.value + min(float(near.gradient(c.gradient) @ change), 0.0), c
+            else:
+                found[name] = there  # a fold stays when its Hopf point leaves the range
+    smallest = min([c.value for c in found.values()] + [near.interval[1]])
+    sure = len(hopf) <= sum(c.kind == "hopf" for c in near.critical)
+    for name, (least, c) in lost.items():
+        there = _in_steps(c, near.system, system, harmonics) if least <= smallest else None
+        if there is not None and not _among(there, found):
+            found[name] = there
+        elif least <= smallest:
+            sure = False
+    return found, sure
+
+
+def _among(c: Critical, found: Mapping[str, Critical]) -> bool:
+    return any(coincide(c, other) for other in found.values())
+
+
+def _moved(c: Critical, before: System, after: System, harmonics: int) -> Critical | None:
+    """Return the fold of a design that Newton's method finds from one of another design; None where it finds none."""
+    change = {n: after.values[n] - value for n, value in before.values.items() if n in c.gradient}
+    change = {n: step for n, step in change.items() if step}
+    p = after.vector(**{c.parameter: c.value + sum(c.gradient[n] * step for n, step in change.items())})
+    equations = HarmonicBalance(harmonics).equations(before).phased(c.orbit)
     try:
-        return fold(equations, c.orbit, parameter)
-    except ConvergenceError:
+        z = equations.encode(c.orbit) + fold_motion(equations, c, [*change])[:-1] @ [*change.values()]
+        there = fold(HarmonicBalance(harmonics).equations(after), equations.decode(z, p), c.parameter, search=False)
+    except FAILURES:
         return None
+    return there if there.extremum == c.extremum else None
+
+
+def _in_steps(c: Critical, before: System, after: System, harmonics: int) -> Critical | None:
+    """Follow a fold from one design to another in steps; None where it is lost."""
+    way = {name: after.values[name] - value for name, value in before.values.items() if name != c.parameter}
+    here, done, stride = before, 0.0, 0.5
+    while done < 1 and stride > SHORTEST:
+        share = min(done + stride, 1.0)
+        between = after.with_parameters(**{n: after.values[n] - (1 - share) * step for n, step in way.items()})
+        there = _moved(c, here, between, harmonics)
+        if there is None:
+            stride /= 2
+        else:
+            here, done, c, stride = between, share, there, 1.5 * stride
+    return c if done == 1 else None
+
+
+def _numbered(found: Sequence[Critical], taken: Sequence[str] = ()) -> dict[str, Critical]:
+    """Return critical values by names that are not taken: the kind and a number, in order of frequency."""
+    named: dict[str, Critical] = {}
+    for kind, label in (("fold", "fold"), ("hopf", "Hopf point")):
+        free = (name for k in count(1) if (name := f"{label} {k}") not in taken)
+        named |= dict(zip(free, sorted((c for c in found if c.kind == kind), key=lambda c: c.omega), strict=False))
+    return named
 
 
 def critical_rows(point: DesignPoint) -> list[tuple[Row, Critical | None]]:
     """Return value and gradient of every critical value, and of the end of the range, which caps the smallest one."""
     rows: list[tuple[Row, Critical | None]] = []
-    count = {"hopf": 0, "fold": 0}
-    for c in sorted(point.critical, key=lambda c: (c.kind, c.omega)):
-        count[c.kind] += 1
-        label = "Hopf point" if c.kind == "hopf" else "fold"
+    for name, c in zip(point.names, point.critical, strict=True):
         second = partial(critical_hessian, point.equations, c)
-        rows.append((Row(f"{label} {count[c.kind]}", c.value, point.gradient(c.gradient), second), c))
+        rows.append((Row(name, c.value, point.gradient(c.gradient), second), c))
     flat = np.zeros(len(point.system.parameters))
     end = Row("end of the range", point.interval[1], flat, lambda names: np.zeros((len(names), len(names))))
     return [*rows, (end, None)]

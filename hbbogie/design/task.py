@@ -106,21 +106,22 @@ class DesignTask:
         """Search from a start, and again from where the search ended as long as lower critical values appear there."""
         for _ in range(RESCANS):
             best = minimise_largest(self.evaluate, x, near, tolerance=tolerance, iterations=iterations)
-            x, near = best.x, None
+            x = best.x
             try:
-                anew = self.evaluate(x, None)
+                anew = self.evaluate(x, best.sample.point, anew=True)
             except ConvergenceError as error:
                 return replace(best, converged=False, status=f"{best.status}, but not confirmed from scratch: {error}")
             if anew.largest <= best.sample.largest + 1e-9 and anew.violation <= best.sample.violation + 1e-6:
                 return best
+            near = anew.point
         return replace(
             best, converged=False, status=f"{best.status}, but other critical values or cycles keep appearing"
         )
 
-    def evaluate(self, x: Array, near: DesignPoint | None) -> Sample[DesignPoint]:
+    def evaluate(self, x: Array, near: DesignPoint | None, anew: bool = False) -> Sample[DesignPoint]:
         """Return the scaled objective and limits at a point of the unit cube."""
         system = self.system.with_parameters(**self.values(x))
-        point = design_point(system, self.parameter, self.interval, self.harmonics, near)
+        point = design_point(system, self.parameter, self.interval, self.harmonics, near, anew)
         terms, limits = self.objective_terms(point), self.limit_terms(point)
         slopes: dict[str, Array] = {}
         curvatures: dict[str, Callable[[], Array]] = {}

@@ -63,8 +63,11 @@ def moving_groups(system: System, orbit: Orbit) -> str:
     return " + ".join(moving) if len(moving) <= NAMED else f"{len(moving)} of {len(shares)} groups"
 
 
-def alone(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
+def group_states(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
     """Return states in which one group moves and all others rest, as in the cycle where that group moves most.
+
+    In one more state all groups move, each as in that cycle and in phase: such a motion need not lie on any branch from
+    a Hopf point.
 
     Parameters
     ----------
@@ -78,14 +81,20 @@ def alone(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
     """
     if len(system.groups) < 2 or not cycles:
         return []
-    starts = []
+    starts, together = [], np.zeros((2, system.n))
     for name, names in system.groups.items():
         orbit = max(cycles, key=lambda o: _energies(system, o)[_places(o, names)].sum())
-        others = [c for group, own in system.groups.items() if group != name for c in own]
+        own = _places(orbit, names)
+        others = [c for group, names in system.groups.items() if group != name for c in names]
         q, v = orbit.q(0.0)[0], orbit.v(0.0)[0]
         for x in (q, v):
             x[_places(orbit, others)] = 0.0
         starts.append((f"a state in which only the {name} moves", np.append(q, v[list(system.second_order)])))
+        largest = own[int(np.argmax(_energies(system, orbit)[own]))]
+        crest = float(np.arctan2(*orbit.coefficients[[2, 1], largest])) / orbit.omega
+        together[:, own] = orbit.q(crest)[0][own], orbit.v(crest)[0][own]
+    q, v = together
+    starts.append(("a state in which all groups move", np.append(q, v[list(system.second_order)])))
     return starts
 
 

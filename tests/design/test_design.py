@@ -284,7 +284,7 @@ def test_damping_ratio_where_the_equilibrium_moves():
     x, y = hb.Coordinate("x"), hb.Coordinate("y")
     b, A = hb.Parameter("b", 1.8), hb.Parameter("A", 1.2)
     system = hb.System("Brusselator", [x, y], [b, A], [x.dot - A + (b + 1) * x - x**2 * y, y.dot - b * x + x**2 * y])
-    point = DesignPoint(system, hb.HarmonicBalance(3).equations(system), "b", (1.5, 4.0), ())
+    point = DesignPoint(system, hb.HarmonicBalance(3).equations(system), "b", (1.5, 4.0), (), ())
     (row,) = DampingRatio(at=1.8).rows(point)
     assert row.value == pytest.approx((1 + 1.2**2 - 1.8) / (2 * 1.2), rel=1e-9)
     assert row.gradient[1] == pytest.approx((1 - (1 - 1.8) / 1.2**2) / 2, rel=1e-7) and row.hessian is None
