@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbogie.equilibria.curve import MANY_STATES, NODES, RestBranch
+from hbbogie.equilibria.curve import NODES, RestBranch
 from hbbogie.equilibria.hopf_equations import confirm
 from hbbogie.equilibria.rest import Rest
 from hbbogie.equilibria.search import Box, newton
-from hbbogie.equilibria.spectrum import ON_AXIS, Pairing, eigenpairs, spectra, state_matrices
+from hbbogie.equilibria.spectrum import MANY, ON_AXIS, Pairing, eigenpairs_near, spectra, state_matrices
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -89,7 +89,7 @@ class Steps:
         self.metric = branch.scale.copy()
         self.metric[rest.system.n : -1] = np.inf
         u, t = branch.u, branch.t
-        least = NODES[rest.system.n_states > MANY_STATES]
+        least = NODES[rest.system.n_states > MANY]
         while 1 < len(u) < least:
             h = self.lengths(u)
             wide = np.flatnonzero(h > max(0.5 * h.max(), h.sum() / least))
@@ -172,7 +172,7 @@ def crossings(rest: Rest, box: Box, branch: RestBranch) -> Crossings:
     ]
     if not known.all():
         names.setdefault(NO_DERIVATIVE, []).extend(steps.u[~known, -1])
-    spent, most = len(steps.u), MOST_STEPS[rest.system.n_states > MANY_STATES]
+    spent, most = len(steps.u), MOST_STEPS[rest.system.n_states > MANY]
     while todo:
         pairings = _paired(steps, todo)
         doubtful = np.flatnonzero(~_quiet(pairings).all(axis=1))
@@ -291,7 +291,7 @@ def _confirmed(steps: Steps, step: Step, pairing: Pairing, i: int, course: Array
         return False
     if not 0.5 * near.imag < omega < 2 * near.imag or steps.rest.singular(v[None])[0]:
         return False  # a double zero is no Hopf point
-    values, _ = eigenpairs(state_matrices(steps.rest, steps.rest.pencil(v[None]))[0])
+    values, _ = eigenpairs_near(state_matrices(steps.rest, steps.rest.pencil(v[None]))[0], 1j * omega)
     distance = np.abs(values - 1j * omega) / omega
     if distance.min() > ROUND_OFF:
         return False

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie.equilibria.rest import Rest
 from hbbogie.equilibria.search import Box
+from hbbogie.equilibria.spectrum import MANY
 from hbbogie.model.singular import singular_terms
 from hbbogie.results.ending import Ending
 from hbbogie.solving.arclength import correct, landing, walk
@@ -17,7 +18,6 @@ from hbbogie.solving.curve import Dense, Point
 
 Array = NDArray[np.float64]
 NODES = (65, 17)  # points at which a branch that need not be followed is looked at: of few states, and of many
-MANY_STATES = 100
 STEP, LONGEST, MOST = 0.02, 0.1, 400  # in scaled arclength
 GROWING, LEGS = 4.0, 30  # a coordinate beyond so many of its scales gets a new one, so many times
 FARTHEST = 1e8  # scales of a coordinate beyond which a branch is given up
@@ -191,7 +191,7 @@ def _at_zero(rest: Rest, box: Box) -> RestBranch | None:
 
     As elsewhere, a fold or branch point of it shows at the points on both sides.
     """
-    nodes = NODES[rest.system.n_states > MANY_STATES]
+    nodes = NODES[rest.system.n_states > MANY]
     u = np.zeros((nodes, rest.m + 1))
     u[:, -1] = np.linspace(box.low[-1], box.high[-1], nodes)
     with np.errstate(all="ignore"):

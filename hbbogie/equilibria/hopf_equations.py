@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.equilibria.rest import Rest
-from hbbogie.equilibria.spectrum import eigenpairs, state_matrices
+from hbbogie.equilibria.spectrum import eigenpairs_near, state_matrices
+from hbbogie.solving.newton import Buffered
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -16,7 +17,7 @@ Complex = NDArray[np.complex128]
 def confirm(rest: Rest, metric: Array, u: Array, value: complex) -> tuple[Array, Complex, float] | None:
     """Solve F = 0, P(i omega) z = 0, c.z = 1 by Newton's method from near by; return u, z and omega, or nothing."""
     n, k = rest.system.n, rest.level.k
-    values, vectors = eigenpairs(state_matrices(rest, rest.pencil(u[None]))[0])
+    values, vectors = eigenpairs_near(state_matrices(rest, rest.pencil(u[None]))[0], value)
     nearest = int(np.argmin(np.abs(values - value)))
     z, omega = vectors[:n, nearest], float(value.imag)
     largest = np.abs(z / metric[:n]).max()
@@ -24,7 +25,7 @@ def confirm(rest: Rest, metric: Array, u: Array, value: complex) -> tuple[Array,
         return None
     z = z / largest
     c = np.conj(z / metric[:n]) / np.linalg.norm(z / metric[:n]) ** 2 / metric[:n]
-    f = rest.system.once(("hopf equations", rest.place), lambda: _hopf_equations(rest))
+    f = rest.system.once(("hopf equations", rest.place), lambda: Buffered(_hopf_equations(rest)))
     x = np.concatenate([u[:n], u[n:-1], z.real, z.imag, [omega], u[-1:]])
     size = np.concatenate([metric[:n], np.ones(k), metric[:n], metric[:n], [omega], metric[-1:]])
     for solve in (np.linalg.solve, _shortest):
@@ -53,12 +54,12 @@ def _shortest(J: Array, G: Array) -> Array:
     return np.asarray(np.linalg.lstsq(J, G, rcond=1e-9)[0])
 
 
-def _bordered(rest: Rest, f: ca.Function, y: Array, c: Complex) -> tuple[Array, Array]:
+def _bordered(rest: Rest, f: Buffered, y: Array, c: Complex) -> tuple[Array, Array]:
     """Return the equations of a Hopf point and their Jacobian, with what is held and the norm of the mode."""
     n, k, level = rest.system.n, rest.level.k, rest.level
     re, im = slice(n + k, 2 * n + k), slice(2 * n + k, 3 * n + k)
     free = np.concatenate([y[:n], y[n + k :]])
-    G0, J0 = (out.full() for out in f(free, rest.p))
+    G0, J0 = f(free, rest.p)
     G, J = np.zeros(len(y)), np.zeros((len(y), len(y)))
     G[: 3 * n] = G0.ravel()
     G[:n] += level.directions @ y[n : n + k]

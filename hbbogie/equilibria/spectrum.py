@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lu_factor, lu_solve
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from hbbogie.equilibria.rest import Rest
 
@@ -17,6 +19,8 @@ ON_AXIS = 1e-10  # real part, relative to the eigenvalue, up to which it lies on
 APART = 1e5  # ratio of successive eigenvalues from which slow ones are computed apart from fast ones
 COINCIDENT = 1e7  # condition number of an eigenvalue from which it has no derivative
 LOST = 1e-3  # share of its first value up to which an eigenvalue computed again is zero
+MANY, FEW = 100, 8  # states beyond which only so many eigenvalues are computed where those near a number count
+BESIDE = 1e-4  # relative distance of that number from where they are looked for, which may be an eigenvalue
 BATCH = 3e6  # entries of the matrices looked at in one go
 
 
@@ -152,6 +156,26 @@ def eigenpairs(A: Array) -> tuple[Complex, Complex]:
         order = np.argsort(np.abs(values), kind="stable")[: len(slow[0])]
         values[order[matched(values[order], slow[0])]] = slow[0]
     return values, V
+
+
+def eigenpairs_near(A: Array, value: complex) -> tuple[Complex, Complex]:
+    """Return the eigenvalues nearest to a number, at least one more than lie together there, and their vectors.
+
+    Of a small matrix all are given; of a large one these take a tenth of the time, by Arnoldi's method with the
+    inverse.
+    """
+    n = len(A)
+    if n <= MANY:
+        return eigenpairs(A)
+    shift = value + BESIDE * abs(value)
+    factors = lu_factor(A - shift * np.eye(n))
+    inverse = LinearOperator((n, n), matvec=lambda x: lu_solve(factors, x), dtype=complex)
+    try:
+        nu, V = eigs(inverse, k=FEW, v0=np.ones(n, dtype=complex), tol=0)
+    except ArpackNoConvergence:
+        return eigenpairs(A)
+    values = np.asarray(shift + 1 / nu, dtype=complex)
+    return (values, np.asarray(V)) if np.ptp(np.abs(values - value)) > BESIDE * abs(value) else eigenpairs(A)
 
 
 def matched(a: Complex, b: Complex) -> NDArray[np.intp]:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from hbbogie.model.elements import AttachedLaw
 from hbbogie.model.system import System
-from hbbogie.stability.shooting import Path, Shooting, field_of
+from hbbogie.stability.elements import field_of
+from hbbogie.stability.shooting import Path, Shooting
 from hbbogie.stability.variation import Waveforms, contacts_of
 
 Array = NDArray[np.float64]
@@ -140,7 +141,7 @@ def _passages(
 
     ``when``, shape (K,), are their times as shares of the whole motion.
     """
-    field, arguments = field_of(system)
+    field, arguments, _ = field_of(system)
     K = len(place)
     f, g = (field(x.T, lines.T, p)[0].full().T / scale for lines in (lines_before, lines_after))
     normal = arguments(x.T, lines_before.T, p)[1].full().reshape(-1, K, x.shape[1])[contact, np.arange(K)] * scale

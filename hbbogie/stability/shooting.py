@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
@@ -16,12 +15,12 @@ from scipy.sparse.linalg import splu
 
 from hbbogie import fourier
 from hbbogie.deadline import time_is_over
+from hbbogie.methods.size import has_many_states
 from hbbogie.model.conserved import conserved_quantities
-from hbbogie.model.dynamics import state_of
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.stability.variation import on_lines
+from hbbogie.stability.elements import field_of, responses
 
 Array = NDArray[np.float64]
 
@@ -44,19 +43,6 @@ _x, _w = legendre.leggauss(STAGES)
 NODES, WEIGHTS = (_x + 1) / 2, _w / 2
 TO_LEGENDRE = np.linalg.inv(legendre.legvander(_x, STAGES - 1))
 INTEGRATE = _integrals(_x) @ TO_LEGENDRE / 2
-
-
-def field_of(system: System) -> list[ca.Function]:
-    """Return functions of (x, lines, p): dx/dt and the contacts' arguments u, each with its derivative in x."""
-    return system.once("shooting", lambda: _field(system))
-
-
-def _field(system: System) -> list[ca.Function]:
-    q, v, lines, p, velocity, rates, contacts = on_lines(system)
-    x = state_of(system.dynamics, q, v)
-    u = ca.vertcat(*(e.argument(q, velocity, p) for e in contacts)) if contacts else ca.SX(0, 1)
-    outputs = {"rates": rates, "arguments": ca.densify(u)}
-    return [ca.Function(k, [x, lines, p], [f, ca.densify(ca.jacobian(f, x))]) for k, f in outputs.items()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +125,7 @@ class Shooting:
     def __init__(self, system: System, orbit: Orbit, pattern: Pattern):
         self.system, self.orbit, self.pattern = system, orbit, pattern
         self.p = system.vector(**orbit.parameters)
-        self.field, self.arguments = field_of(system)
+        self.field, self.arguments, self.places = field_of(system)
         second = [i for i, s in enumerate(system.second_order) if s]
         self.second = second
         size = np.abs(self._guess(fourier.phases(max(256, 4 * orbit.H)))).max(axis=0)
@@ -187,9 +173,10 @@ class Shooting:
         """Return scaled rates, shape (N, STAGES, n_states), and their derivatives at the stages."""
         N, _, n = path.stages.shape
         lines = np.repeat(self.pattern.lines[path.segment], STAGES, axis=0)
-        f, J = self.field((path.stages * self.scale).reshape(-1, n).T, lines.T, self.p)
-        f, J = f.full().T.reshape(N, STAGES, n), J.full().reshape(n, N, STAGES, n).transpose(1, 2, 0, 3)
-        return f / self.scale, J * self.scale / self.scale[:, None]
+        f, entries = self.field((path.stages * self.scale).reshape(-1, n).T, lines.T, self.p)
+        (i, j), J = self.places, np.zeros((N, STAGES, n, n))
+        J[..., i, j] = entries.full().T.reshape(N, STAGES, -1) * (self.scale[j] / self.scale[i])
+        return f.full().T.reshape(N, STAGES, n) / self.scale, J
 
     @cached_property
     def held(self) -> Array:
@@ -208,13 +195,10 @@ class Shooting:
         h, x1 = path.h[:, None, None], path.x + path.h[:, None] * (WEIGHTS @ f)
         ahead = INTEGRATE @ f
         residual = path.x[:, None] + h * ahead - path.stages
-        M = -(h[..., None, None] * INTEGRATE[:, None, :, None]) * J.transpose(0, 2, 1, 3)[:, None]
-        M = M.reshape(N, STAGES * n, STAGES * n)
-        M[:, np.arange(STAGES * n), np.arange(STAGES * n)] += 1
-        eye = np.broadcast_to(np.eye(n), (N, STAGES, n, n))
-        right = np.concatenate([residual[..., None], eye, ahead[..., None]], axis=-1)
-        response = np.linalg.solve(M, right.reshape(N, STAGES * n, -1)).reshape(N, STAGES, n, -1)
-        end = path.h[:, None, None] * np.einsum("emab,embr->ear", WEIGHTS[:, None, None] * J, response)
+        right = np.concatenate([residual[..., None], np.tile(np.eye(n), (N, STAGES, 1, 1)), ahead[..., None]], axis=-1)
+        response = responses(path.h, INTEGRATE, J, right, has_many_states(self.system))
+        weighted = (WEIGHTS[:, None, None] * J).swapaxes(1, 2).reshape(N, n, -1)
+        end = h * (weighted @ response.reshape(N, STAGES * n, -1))
         mismatch = x1 - np.roll(path.x, -1, axis=0)
         mismatch[-1] -= self.advance
         off, slope = self._contacts(path)

@@ -10,7 +10,7 @@ import pytest
 import hbbogie as hb
 from hbbogie.branches import crossings
 from hbbogie.critical import coexistence
-from hbbogie.motion import moving_groups
+from hbbogie.motion import last_orbit, moving_groups, settle
 from hbbogie.stability import fold_shift
 from hbbogie.studies import smallest_critical
 
@@ -221,6 +221,38 @@ def test_fold_and_torus_of_the_front_bogie():
         assert cycle.stability.verdict == verdict
         assert np.abs(cycle.stability.multipliers - complex(*torus["multiplier"])).min() < 1e-3
         assert cycle.omega == pytest.approx(torus["omega"], abs=5e-3)
+
+
+def settled(front, rear):
+    """Return how the motion settles at 65 m/s from bogies displaced by so much [m], and what moves then."""
+    system = VEHICLE.vehicle(V=65.0)
+    start = {q: front for q in ("yb1", "y1", "y2")} | {q: rear for q in ("yb2", "y3", "y4")}
+    found = settle(system, start, coordinate="y1" if front else "y3", step=1e-3, longest=400.0)
+    moves = moving_groups(system, last_orbit(system, found.trajectory, 9)) if found.kind == "cycle" else found.kind
+    return found, moves
+
+
+def test_four_attractors_at_one_speed():
+    """Small displacements die out; bogies displaced to one side or to opposite sides come to one cycle."""
+    starts = (0.004, 0.004), (0.01, 0.0), (0.0, 0.01), (0.01, 0.01)
+    found = [settled(*start) for start in starts]
+    assert [moves for _, moves in found] == KNOWN["attractors at 65"]
+    together, (against, moves) = found[-1][0], settled(0.01, -0.01)
+    assert moves == "both"
+    assert against.omega == pytest.approx(together.omega, rel=1e-5)
+    for k in (1, 2, 3, 4):
+        assert against.amplitudes[f"y{k}"] == pytest.approx(together.amplitudes[f"y{k}"], rel=1e-4)
+
+
+def test_motions_above_and_below_the_fold_of_the_front_bogie():
+    """Above it motions come to the cycle from larger ones, their peaks falling; below it all of them die out."""
+    above, below = KNOWN["settling"]["above"], KNOWN["settling"]["below"]
+    cycle = hb.verify(VEHICLE.vehicle(V=above["V"]), at("she", 0, above["V"]))
+    assert cycle.orbit.stability.verdict == "stable"
+    assert cycle.amplitudes["y1"] == pytest.approx(above["peaks"][-1], rel=1e-7)
+    assert cycle.amplitudes["y1"] < above["peaks"][-1] < above["peaks"][0]
+    left = settle(VEHICLE.vehicle(V=below["V"]), cycle.orbit, coordinate="y1", step=1e-3, longest=400.0)
+    assert left.kind == "rest" and max(below["peaks"]) < 1e-12
 
 
 @pytest.mark.slow
