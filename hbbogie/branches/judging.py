@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from hbbogie.deadline import time_is_over
+from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
@@ -20,6 +23,7 @@ from hbbogie.stability.verification import verify
 TOGETHER = 8000  # orbits judged together, times the square of the number of states: their matrices are in memory
 EXACT = 1e-3  # error of the trivial multiplier beyond which a cycle without a verdict is polished
 MEETING = 0.2  # distance from 1 of two multipliers that meet there: next to a fold shooting is of no help
+EQUALLY = 2.0  # ratio of the distances from 1 of two multipliers that are equally near it
 MOST = 63  # harmonics with which a cycle without a verdict is solved for again
 NEAR, FAR = 0.01, 0.5  # distance in frequency and, relative to the peaks, in waveform of a polished cycle
 
@@ -87,11 +91,16 @@ def stabilities_of(
     most = max(1, TOGETHER // system.n_states**2)
     for k in range(0, len(orbits), most):
         some = orbits[k : k + most]
-        first = [None for _ in some] if time_is_over() else _judged_together(system, some, level)
-        for orbit, stability in zip(some, first, strict=True):
-            if polish and stability is not None and not clear(stability) and not time_is_over():
-                stability = finer_stability(system, orbit) or polished_stability(system, orbit) or stability
-            found.append(stability)
+        first: list[Stability | None] = [None for _ in some]
+        if not time_is_over():
+            first = _judged_together(system, some, level)
+        doubtful = {i: s for i, s in enumerate(first) if polish and s is not None and not clear(s)}
+        finer = finer_stabilities(system, [some[i] for i in doubtful], list(doubtful.values()))
+        for i, stability in zip(doubtful, finer, strict=True):
+            if stability is None and not time_is_over():
+                stability = polished_stability(system, some[i])
+            first[i] = stability or doubtful[i]
+        found.extend(first)
     return found
 
 
@@ -113,19 +122,45 @@ def clear(stability: Stability) -> bool:
     return bool(stability.verdict != "unknown" or stability.trivial_error <= EXACT or meeting)
 
 
-def finer_stability(system: System, orbit: Orbit) -> Stability | None:
-    """Return the stability of a cycle of harmonic balance with twice the harmonics; None where that is not clear."""
-    if not orbit.method.startswith("harmonic balance") or orbit.H > MOST // 2:
-        return None
-    at = system.with_parameters(**orbit.parameters)
-    try:
-        finer = solve(HarmonicBalance(2 * orbit.H + 1).equations(at), orbit, method="newton")
-        found = floquet(system, finer)
-    except FAILURES:
-        return None
-    if abs(finer.omega / orbit.omega - 1) > NEAR or not clear(found):
-        return None
-    return replace(found, reason=f"{found.reason} Judged on the cycle with harmonics up to {finer.H}.")
+def finer_stabilities(system: System, orbits: Sequence[Orbit], given: Sequence[Stability]) -> list[Stability | None]:
+    """Return the stability of cycles of harmonic balance with more harmonics; None where that is not clear.
+
+    The harmonics are doubled until it is. Where two multipliers are equally near 1 and no cycle with twice the
+    harmonics is found, the fold is on its other side, and the stability given is returned: unknown.
+    """
+    found: list[Stability | None] = [None for _ in orbits]
+    left = {i: orbit for i, orbit in enumerate(orbits) if orbit.method.startswith("harmonic balance")}
+    while left := {i: o for i, o in left.items() if found[i] is None and o.H <= MOST // 2 and not time_is_over()}:
+        solved = _with_twice_the_harmonics(system, left)
+        for i in left.keys() - solved.keys():
+            found[i] = given[i] if _two_at_1(given[i]) else None
+        left = {i: o for i, o in solved.items() if abs(o.omega / orbits[i].omega - 1) <= NEAR}
+        for i, stability in zip(left, _judged_together(system, list(left.values()), level=True), strict=True):
+            if stability is not None and clear(stability):
+                reason = f"{stability.reason} Judged on the cycle with harmonics up to {left[i].H}."
+                found[i] = replace(stability, reason=reason)
+    return found
+
+
+def _two_at_1(stability: Stability) -> bool:
+    """Tell whether two multipliers, of half a period where they are known, are equally near 1."""
+    half = stability.half_multipliers
+    near = np.sort(np.abs((stability.multipliers if half is None else half) - 1))[:2]
+    return bool(near[-1] < EQUALLY * near[0])
+
+
+def _with_twice_the_harmonics(system: System, orbits: dict[int, Orbit]) -> dict[int, Orbit]:
+    """Return those cycles that can be solved for with twice the harmonics, without their stability."""
+    found: dict[int, Orbit] = {}
+    equations: dict[int, Equations] = {}
+    for i, orbit in orbits.items():
+        with suppress(*FAILURES):
+            if orbit.H not in equations:
+                at = system.with_parameters(**orbit.parameters)
+                equations[orbit.H] = HarmonicBalance(2 * orbit.H + 1).equations(at)
+            at_values: dict[str, Any] = dict(orbit.parameters)
+            found[i] = solve(equations[orbit.H], orbit, method="newton", **at_values)
+    return found
 
 
 def polished_stability(system: System, orbit: Orbit) -> Stability | None:

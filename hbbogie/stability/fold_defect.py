@@ -20,6 +20,7 @@ from hbbogie.stability.variation import Waveforms, on_lines
 
 Array = NDArray[np.float64]
 STEPS = 1024  # per period, where exponentials would serve for the transitions, but not for the integrals
+PIECES = 32  # of each element, likewise
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6
 
 
@@ -73,7 +74,7 @@ def fold_shift(system: System, orbit: Orbit, parameter: str) -> FoldShift | None
     if len(conserved_quantities(system, p, size)):
         return None
     half = is_halved(system, orbit)
-    (along,) = transitions_along(waveforms, STEPS if waveforms.straight else None, half=half)
+    (along,) = transitions_along(waveforms, STEPS if waveforms.straight else None, half=half, pieces=PIECES)
     monodromy = (-1.0 if half else 1.0) * product(along.matrices)
     if not np.isfinite(monodromy).all():
         return None

@@ -40,10 +40,11 @@ def floquet(
     orbit : Orbit
         A cycle, or an equilibrium (H = 0). The parameter values are those of the orbit.
     steps : int
-        Runge-Kutta steps per period. By default, systems that are linear between switchings need none, since their
-        exponentials are taken. Other systems take at least 256 steps, at least 10 for each harmonic, and enough to keep
-        a step times the largest eigenvalue of the state matrix below 0.075. The number is rounded up to one of a few
-        values.
+        Elements per period, of equal length but for the contact times. By default, systems that are linear between
+        switchings need none, since their exponentials are taken. Other systems begin with 32 elements, which are
+        divided until the error of each is small. Systems of more than 64 states take Runge-Kutta steps: at least 256,
+        at least 10 for each harmonic, and enough to keep a step times the largest eigenvalue of the state matrix below
+        0.075.
     tolerance : float
         Largest error of the trivial multiplier, and largest error of the logarithm of the determinant
         relative to its size (or to 1), that are still trusted.
@@ -66,13 +67,14 @@ def floquet(
     -----
     The variational equations Phi' = A(t) Phi are integrated along the orbit's Fourier series over the intervals of a
     mesh. The product of the transition matrices is the monodromy matrix. The contact times of piecewise-linear elements
-    are mesh points, and inside an interval their slopes are those at its middle, so that no step straddles a kink. If A
-    depends only on these slopes, it is constant between contact times, and the transition matrices are its exponentials
-    (eq-phase-map). Otherwise each is one fourth-order Runge-Kutta step from the identity. Where an element jumps, the
-    jump matrix (eq-jump) is a further factor. A motion that sticks there instead of passing is not followed, and the
-    verdict is "unknown". A kink or jump that is written into the equations, as ``fmax`` or ``sign``, instead of as an
-    element is not detected and costs accuracy. With the default steps, multipliers above 1e-4 have a relative error of
-    about 1e-6 for the given orbit. The error of the orbit itself comes on top.
+    are mesh points, and inside an interval their slopes are those at its middle, so that no interval straddles a kink.
+    If A depends only on these slopes, it is constant between contact times, and the transition matrices are its
+    exponentials (eq-phase-map). Otherwise each is that of Gauss collocation of order 12 from the identity, and its
+    error is estimated from what is left of the equations between the Gauss points (eq-element-error). Where an element
+    jumps, the jump matrix (eq-jump) is a further factor. A motion that sticks there instead of passing is not followed,
+    and the verdict is "unknown". A kink that is written into the equations, as ``fmax``, instead of as an element takes
+    many elements, and a jump, as ``sign``, is not detected. With the default elements, multipliers above 1e-4 have a
+    relative error of about 1e-6 for the given orbit. The error of the orbit itself comes on top.
 
     One multiplier of a cycle is 1. The distance of the nearest computed multiplier from 1 measures the errors of the
     orbit and the integration together. The determinant measures the integration alone: the sum of log abs det over the

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
+from hbbogie import fourier
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.system import System
 from hbbogie.solving.newton import Buffered
@@ -15,6 +16,8 @@ from hbbogie.stability.variation import Waveforms
 
 Array = NDArray[np.float64]
 COLUMNS = 68  # of a transition matrix that are stepped together
+SIZES = tuple(sorted(s * 2**k for s in (256, 384) for k in range(9)))  # numbers of steps per period
+STEP_TIMES_EIGENVALUE = 0.075
 GROUP = 32  # intervals of a group: few enough for an accurate determinant of its transition matrix
 
 
@@ -52,10 +55,28 @@ def _entries(matrix: ca.Function) -> ca.Function:
     return ca.Function("entries", arguments, [ca.densify(matrix(*arguments).T.nz[:])])
 
 
-def spectral_radius(waveforms: Waveforms, x: Array, lines: Array, of: int) -> float:
-    """Return the largest modulus of the state matrix's eigenvalues at varying states and lines of an orbit [1/s]."""
+def runge_kutta_steps(waveforms: Waveforms, ends: Array, of: int, parts: int) -> int:
+    """Return the number of steps per period, by the largest eigenvalue of the state matrix where its norm is large.
+
+    Parameters
+    ----------
+    waveforms : Waveforms
+    ends : ndarray, rad
+        Phases that are to be on the mesh.
+    of : int
+        The place of the orbit.
+    parts : int
+        How many of what the mesh covers make a period.
+    """
+    tau = fourier.phases(128)
+    x, lines = waveforms.states(tau, of), waveforms.lines(tau, of)
+    norms = waveforms.model.norm(x.T, lines.T, waveforms.p[of]).full().ravel()
+    some = np.argsort(norms)[-16:]
     sparse = SparseMatrices(waveforms, of)
-    return max(radius(sparse.matrix(values)) for values in sparse.values(x, lines))
+    fastest = max(radius(sparse.matrix(values)) for values in sparse.values(x[some], lines[some]))
+    wanted = 2 * np.pi / waveforms.omega[of] * fastest / STEP_TIMES_EIGENVALUE
+    least = max(wanted, 10 * waveforms.H, 4 * parts * (len(ends) - 1))
+    return next((s for s in SIZES if s >= least), SIZES[-1])
 
 
 def radius(matrix: csr_matrix) -> float:
