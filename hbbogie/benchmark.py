@@ -30,6 +30,7 @@ from scipy.stats import uniform
 from hbbogie import (
     Coordinate,
     HarmonicBalance,
+    Orbit,
     Parameter,
     System,
     critical_speeds,
@@ -214,34 +215,46 @@ def measure_collocation(table: Table) -> None:
         lambda cycle: f"T = {cycle.period:.6f}, {len(cycle.values)} intervals",
     )
     system = builder(mu=1.0)
-    orbit, span = collocated(system, from_motion(system, [2.0, 0.0])).orbit(), (0.5, 5.0)
-
-    def branch() -> list[CollocatedCycle]:
-        followed = follow_on_mesh(from_orbit(system, orbit), Rates(system, "mu"), span)
-        return [judged(curve, point) for curve, point in followed.points()]
-
-    table.add(
-        "branch from mu = 0.5 to 5 with multipliers, by collocation",
-        branch,
-        3,
-        lambda cycles: f"{len(cycles)} points, error of T {max(c.period_error for c in cycles):.0e}",
-    )
-    balance = HarmonicBalance(63).equations(system)
-    table.add(
-        "the same by harmonic balance, H = 63",
-        lambda: trace(balance, orbit, "mu", span),
-        3,
-        lambda b: f"{len(b)} points, tail {max(o.tail for o in b.orbits):.0e}",
-    )
+    orbit = collocated(system, from_motion(system, [2.0, 0.0])).orbit()
+    _compare(table, "branch from mu = 0.5 to 5", system, orbit, "mu", (0.5, 5.0), 63)
+    rolling = load_problem("kaas_petersen1986").bogie(flange=False)
+    (hopf,) = hopf_points(rolling, "V", (60.0, 80.0))
+    begin = trace(HarmonicBalance(15).equations(rolling), hopf, "V", (66.0, 80.0), stability=False).orbits[-1]
+    _compare(table, "branch of a smooth bogie, 14 states,", rolling, begin, "V", (60.0, 70.0), 15)
     bogie = load_problem("yang1995").bogie()
     (hopf,) = hopf_points(bogie, "V", (60.0, 100.0))
     (near,) = trace(Exact().equations(bogie), hopf, "V", (60.0, 100.0)).folds()
+    _compare(table, "branch of the bogie with contacts", bogie, near.orbit, "V", (87.0, 100.0), 15)
     on_mesh = Collocation().equations(bogie)
     table.add(
         "fold of the bogie with its gradient, by collocation",
         lambda: fold(on_mesh, near, "V"),
         1,
         lambda found: f"{found.value:.9f} m/s",
+    )
+
+
+def _compare(
+    table: Table, what: str, system: System, start: Orbit, parameter: str, span: tuple[float, float], H: int
+) -> None:
+    """Measure a branch with multipliers by collocation, and by harmonic balance beside it."""
+
+    def branch() -> list[CollocatedCycle]:
+        followed = follow_on_mesh(from_orbit(system, start), Rates(system, parameter), span)
+        return [judged(curve, point) for curve, point in followed.points()]
+
+    table.add(
+        f"{what} with multipliers, by collocation",
+        branch,
+        3,
+        lambda cycles: f"{len(cycles)} points, error of T {max(c.period_error for c in cycles):.0e}",
+    )
+    balance = HarmonicBalance(H).equations(system)
+    table.add(
+        f"the same by harmonic balance, H = {H}",
+        lambda: trace(balance, start, parameter, span),
+        3,
+        lambda b: f"{len(b)} points, tail {max(o.tail for o in b.orbits):.0e}",
     )
 
 

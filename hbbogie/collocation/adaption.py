@@ -20,8 +20,7 @@ RESIDUAL = 1e-7  # largest scaled residual from which one more step of Newton is
 AIM = 0.03  # share of the tolerance that the error of a new mesh should have
 ROUND = 8  # multiples of it are numbers of intervals, so that compiled functions are used again
 NEARLY, CLOSE = 1e-4, 1e-7  # steps after which contact times are right to their squares: nearly, and so that they stay
-PREDICTED = 1e-3  # largest scaled residual of a point that is settled on its own contact times next
-FARTHEST = 2.0  # largest scaled step towards contact times
+FARTHEST, SHRINKING = 2.0, 0.9  # largest scaled step towards contact times, and ratio to the last from the third
 SECANTS, MET = 40, 1e-10  # steps towards a special point, and the length of the last
 Placed = tuple[OnMeshCurve, Point]
 FLOOR = 1e-2  # size of the smallest cycle, relative to the largest, in which it is scaled
@@ -44,7 +43,7 @@ def adapted_to(curve: OnMeshCurve, point: Point, N: int, fixed: int | None = Non
     equations, u = adapted(curve.equations, point.u, N)
     kinked = equations.rates.kinked
     size = np.inf if kinked else 0.0  # of the last step
-    for _ in range(SETTLING):
+    for count in range(SETTLING):
         there, along = _onto(curve, point, equations, u)
         plane = along
         if fixed is not None:
@@ -58,7 +57,6 @@ def adapted_to(curve: OnMeshCurve, point: Point, N: int, fixed: int | None = Non
             u = found.u
             size = float(np.abs((u - before) / there.scale).max())
             if not kinked or size <= CLOSE:
-                there.tolerance = PREDICTED if kinked else there.tolerance
                 return there, found if found.tangent @ along >= 0 else found.turned()
         else:
             line = there.linearise(u)
@@ -66,9 +64,10 @@ def adapted_to(curve: OnMeshCurve, point: Point, N: int, fixed: int | None = Non
                 step, _ = line.solve(plane, -np.append(line.residual, 0.0))
             except np.linalg.LinAlgError:
                 return None
-            u, size = u + there.scale * step, float(np.abs(step).max())
-            if not size <= FARTHEST:
+            last, size = size, float(np.abs(step).max())
+            if not size <= (FARTHEST if count < 2 else SHRINKING * last):
                 return None
+            u = u + there.scale * step
         mesh, equations = through_contacts(there.equations, u), there.equations
         if mesh is None:
             size = 0.0  # all contact times are points of the mesh
@@ -154,7 +153,7 @@ def located_between(a: Placed, b: Placed, test: Callable[[OnMeshCurve, Point], f
 
 def _stepped(curve: OnMeshCurve, point: Point, length: float) -> Placed | None:
     """Return the point at a distance along the tangent, with its own contact times; None where it is lost."""
-    there, _ = advance(curve, point, length)
+    there, _ = advance(curve.predicting(), point, length)
     return None if there is None else adapted_to(curve, there, curve.equations.N)
 
 

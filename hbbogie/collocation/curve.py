@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import combinations
 
@@ -21,6 +22,7 @@ from hbbogie.solving.curve import Point
 Array = NDArray[np.float64]
 VANISHED = 1e-3  # amplitude, relative to the largest of the branch, at which a cycle counts as an equilibrium
 ROUND_OFF = 1e-12  # share of the parameter's scale up to which it is zero
+PREDICTED = 10.0  # tolerance of predicted points: those on a tangent with a residual up to 1e-3 are not corrected
 NEAR = 1e-2  # distance from an equilibrium, relative to the range, at which a motion is near it
 RESTING = 0.9  # share of the period spent there by a motion that approaches a homoclinic one
 
@@ -50,6 +52,14 @@ class OnMeshCurve:
         self._last: tuple[Array, Linearised] | None = None
         self._spectra: dict[int, tuple[Array, Spectrum]] = {}
         self._estimates: dict[int, tuple[Array, Errors, Spectrum]] = {}
+
+    def predicting(self) -> OnMeshCurve:
+        """Return the curve for steps to points that are settled on their own contact times next, if there are any."""
+        if not self.equations.rates.kinked:
+            return self
+        there = copy(self)
+        there.tolerance = PREDICTED
+        return there
 
     @property
     def parameter(self) -> str:

@@ -7,6 +7,7 @@ neighbours become one by a QR factorisation that takes the states between them o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ class Composed:
 
     turned = 0
 
-    def between(self, begins: Array, ends: Array, rest: Array) -> Array:  # noqa: ARG002
+    def between(self, begins: Array, ends: Array, rest: Array) -> Array:
         """Return the states inside, shape (K, (g - 1) n), of those at both ends."""
         n = begins.shape[1]
         return np.asarray((self.inside[..., :n] @ begins[..., None])[..., 0] + self.inside[..., n:] @ rest)
@@ -118,27 +119,36 @@ class Reduced:
 
     __repr__ = brief
 
-    @property
+    @cached_property
     def matrix(self) -> Array:
         """The bordered equations, shape (n + 2, n + 2)."""
-        return np.vstack([np.column_stack([self.C + self.D, self.G[:, :2]]), self.border[:, :-1]])
+        return np.concatenate([np.concatenate([self.C + self.D, self.G[:, :2]], axis=1), self.border[:, :-1]])
 
-    @property
+    @cached_property
     def sign(self) -> float:
         """Sign of the determinant of all equations, but for a factor that depends on the number of intervals only."""
         turned = sum(level.turned for level in self.levels)
         return float((-1) ** turned * np.linalg.slogdet(self.matrix)[0])
 
+    @cached_property
+    def _sizes(self) -> Array:
+        """Singular values of the bordered equations, the largest first."""
+        return np.asarray(np.linalg.svd(self.matrix, compute_uv=False))
+
     @property
     def family(self) -> bool:
         """Whether the bordered equations are singular: the cycle is one of a family, or a fold."""
-        sizes = np.linalg.svd(self.matrix, compute_uv=False)
-        return bool(sizes[-1] <= FAMILY * sizes[0])
+        return bool(self._sizes[-1] <= FAMILY * self._sizes[0])
 
     @property
     def singular(self) -> float:
         """Smallest singular value of the bordered equations with the sign of the determinant."""
-        return self.sign * float(np.linalg.svd(self.matrix, compute_uv=False)[-1])
+        return self.sign * float(self._sizes[-1])
+
+    @property
+    def composed(self) -> bool:
+        """Whether all intervals are composed: D is then 1, and -C the monodromy matrix."""
+        return all(isinstance(level, Composed) for level in self.levels)
 
     def solve(self, shortest: bool = False) -> tuple[Array, Array]:
         """Return the states where the intervals begin, shape (N, n), and (T, parameter).
@@ -153,12 +163,12 @@ class Reduced:
         n = len(self.C)
         right = np.append(self.G[:, 2], self.border[:, -1])
         y = np.linalg.lstsq(self.matrix, right, rcond=FAMILY)[0] if shortest else np.linalg.solve(self.matrix, right)
-        x, rest = y[None, :n], np.append(-y[n:], 1.0)
+        x, rest = np.asarray(y[None, :n], dtype=float), np.append(-y[n:], 1.0)
         for level in self.levels[::-1]:
             K = len(level.border)
             between = level.between(x[:K], np.roll(x, -1, axis=0)[:K], rest)
             x = np.concatenate([np.concatenate([x[:K], between], axis=1).reshape(-1, n), x[K:]])
-        return np.asarray(x, dtype=float), np.asarray(y[n:], dtype=float)
+        return x, np.asarray(y[n:], dtype=float)
 
     def adjoint(self) -> tuple[Array, Array]:
         """Return the combination of all rows that is zero but for the parameter, where it is 1.
@@ -174,11 +184,11 @@ class Reduced:
         right = np.zeros(n + 2)
         right[n + 1] = 1.0
         y = np.linalg.solve(self.matrix.T, right)
-        lower, border = y[None, :n], y[n:]
+        lower, border = np.asarray(y[None, :n], dtype=float), np.asarray(y[n:], dtype=float)
         for level in self.levels[::-1]:
             K = len(level.border)
             lower = np.concatenate([level.factors(lower[:K], border).reshape(-1, n), lower[K:]])
-        return np.asarray(lower, dtype=float), np.asarray(border, dtype=float)
+        return lower, border
 
 
 def reduced(W: Array, H: Array, border: Array, corner: Array) -> Reduced:
@@ -207,8 +217,8 @@ def reduced(W: Array, H: Array, border: Array, corner: Array) -> Reduced:
         levels.append(level)
     C, D, G = -WH[..., :n], np.broadcast_to(np.eye(n), (len(WH), n, n)), WH[..., n:]
     while len(C) > 1:
-        level, C, D, G, border = _factored(C, D, G, border, corner)
-        levels.append(level)
+        factored, C, D, G, border = _factored(C, D, G, border, corner)
+        levels.append(factored)
     return Reduced(levels, C[0], D[0], G[0], np.concatenate([border[0], corner], axis=1))
 
 

@@ -60,7 +60,9 @@ class Spectrum:
 
 
 def spectrum_of(line: Linearised) -> Spectrum:
-    """Return the multipliers by the QZ algorithm for C x + D y = 0, x the beginning of the period and y its end.
+    """Return the multipliers: eigenvalues of C x + D y = 0, x the beginning of the period and y its end.
+
+    By the QZ algorithm, or by the QR algorithm where D is 1.
 
     Parameters
     ----------
@@ -69,12 +71,16 @@ def spectrum_of(line: Linearised) -> Spectrum:
     """
     last = line.reduced
     assert last is not None
-    alpha, vectors = eig(-last.C, last.D, homogeneous_eigvals=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(alpha[1] == 0, np.inf, alpha[0] / alpha[1])
+    if last.composed:
+        values, vectors = np.linalg.eig(-last.C)
+    else:
+        alpha, vectors = eig(-last.C, last.D, homogeneous_eigvals=True)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = np.where(alpha[1] == 0, np.inf, alpha[0] / alpha[1])
     order = np.argsort(-np.abs(values), kind="stable")
     divergence = float(np.einsum("j,ijkk->", line.equations.gauss.b, line.A))
-    return Spectrum(values[order].astype(complex), vectors[:, order], divergence, last.singular, line.rate)
+    values, vectors = values[order].astype(complex), vectors[:, order].astype(complex)
+    return Spectrum(values, vectors, divergence, last.singular, line.rate)
 
 
 def log_moduli(transitions: Array) -> tuple[Array, Array]:

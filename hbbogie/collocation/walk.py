@@ -247,10 +247,10 @@ def _walk(
             progress(float(point.u[-1]))
 
     while True:
-        points, end = walk(curve, first, step=length, longest=longest, most=few, progress=say)
+        points, end = walk(curve.predicting(), first, step=length, longest=longest, most=few, progress=say)
         if end.kind == "stuck" and len(points) == 1 and (finer := adapted_to(curve, first, 2 * curve.equations.N)):
             curve, first = finer
-            points, end = walk(curve, first, step=length, longest=longest, most=few, progress=say)
+            points, end = walk(curve.predicting(), first, step=length, longest=longest, most=few, progress=say)
         while len(points) > 2 and error_at(curve, points[-1]) > SLACK * tolerance:  # the mesh is no longer right
             points, end = points[: len(points) // 2 + 1], Ending("points")
             few = max(len(points), LEAST) - 1
@@ -263,6 +263,9 @@ def _walk(
                 length /= 4  # the contacts change by too much
                 continue
             growth = 1.5 if moved < 0.2 * NEAR else 1.0
+            if there is None:
+                what = f"no further point was found beyond {curve.where(first.u)}: its contact times do not settle"
+                points, end, over = points[:1], Ending("stuck", what), True
         stretches.append(Stretch(curve, points))
         count, work = count + len(points) - 1, work - curve.equations.N * (len(points) - 1)
         if over:
@@ -274,7 +277,8 @@ def _walk(
             return stretches, Ending("closed", "the branch closes on itself")
         if count >= most or work <= 0:
             return stretches, Ending("points", f"the largest number of points, {min(count, most)}, was reached")
-        if _family([(s.curve, point) for s in stretches[-PATIENCE:] for point in s.points[1:]]):
+        settled = slice(1) if kinked else slice(1, None)
+        if _family([(s.curve, point) for s in stretches[-PATIENCE:] for point in s.points[settled]]):
             what = f"{curve.where(points[-1].u)} does not vary along the branch: a family of cycles"
             return stretches, Ending("family", f"{what}, as of a conservative or a linear system")
         length = min(growth * gap(curve, points[-2], points[-1]), longest)
