@@ -9,7 +9,7 @@ from smooth_systems import brusselator, fitzhugh_nagumo, hodgkin_huxley, lorenz,
 
 import hbbogie as hb
 from hbbogie import Collocation, HarmonicBalance, ModelError, load_problem
-from hbbogie.collocation import Rates, collocated, follow, from_motion, from_orbit
+from hbbogie.collocation import Rates, collocated, follow, from_motion
 
 
 def test_canard_fold_of_fitzhugh_nagumo():
