@@ -8,9 +8,10 @@ import numpy as np
 
 from hbbogie.branches.criticality import onset
 from hbbogie.branches.first_cycle import first_cycle
+from hbbogie.collocation.cycle import cycle_again
 from hbbogie.collocation.method import CollocationEquations
 from hbbogie.collocation.rates import Rates
-from hbbogie.collocation.special import Special, judged
+from hbbogie.collocation.special import Special, fold_near, judged
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.collocation.switching import onward
 from hbbogie.collocation.walk import Followed, follow
@@ -22,6 +23,8 @@ from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.orbit import Orbit
+from hbbogie.results.piecewise import PiecewisePolynomial
+from hbbogie.stability.variation import check_orbit
 
 BEGINNING = ("branch point", "pitchfork", "period doubling")  # special points at which another branch begins
 NEARLY_ODD = 1e-5  # even harmonics, relative to the largest, of a symmetric cycle
@@ -148,19 +151,25 @@ def collocated_fold(equations: CollocationEquations, guess: Orbit | SpecialPoint
     system = equations.system
     orbit = guess.orbit if isinstance(guess, SpecialPoint) else guess
     value = orbit.parameters.get(parameter, system.values[parameter])
+    check_orbit(system, orbit)
+    here = orbit.replace(parameters={**system.values, parameter: value})
     low, high = system.parameter(parameter).bounds
     for share in NEAR:
         reach = share * max(abs(value), 1.0)
-        followed = followed_from(equations, orbit, parameter, (max(value - reach, low), min(value + reach, high)))
+        span = max(value - reach, low), min(value + reach, high)
+        near = cycle_again(system, here) if isinstance(here.motion, PiecewisePolynomial) else from_orbit(system, here)
+        chosen = equations.collocation
+        fold = fold_near(near, Rates(system, parameter), span, degree=chosen.degree, tolerance=chosen.tolerance)
+        if fold is not None and span[0] <= fold.value <= span[1]:
+            return collocated_critical(fold)
+        followed = followed_from(equations, orbit, parameter, span)
         if folds := followed.special(("fold",)):
-            break
-    else:
-        raise ConvergenceError(
-            f"no fold found within {reach:g} of {parameter} = {value:g} ({equations.method}); locate it first with "
-            "trace, and start from branch.folds().",
-            orbit,
-        )
-    return collocated_critical(min(folds, key=lambda s: abs(s.value - value)))
+            return collocated_critical(min(folds, key=lambda s: abs(s.value - value)))
+    raise ConvergenceError(
+        f"no fold found within {reach:g} of {parameter} = {value:g} ({equations.method}); locate it first with "
+        "trace, and start from branch.folds().",
+        orbit,
+    )
 
 
 def collocated_critical(found: Special) -> Critical:

@@ -258,18 +258,22 @@ class Linearised:
         q = right[:, :, :k] + S * (a @ v.reshape(N, m, k * width)).reshape(N, m, k, width)
         return np.concatenate([q, v], axis=2).reshape(N, m * e.n, width)
 
-    def adjoint(self, plane: Array) -> Array:
-        """Return the factors of the stages' equations in the combination of all that is zero but for the parameter.
+    def adjoint(self, plane: Array) -> tuple[Array, Array]:
+        """Return the factors of the equations in the combination of all that is zero but for the parameter.
 
         They belong to the solution last computed with this bordering row.
 
         Returns
         -------
         ndarray, shape (N, m, n_states)
+            Those of the stages.
+        ndarray, shape (N, n_states)
+            Those of the ends of the intervals.
         """
         assert self.reduced is not None
         e = self.equations
         states, border = self.reduced.adjoint()
         right = e.gauss.d[:, None] * states[:, None] - border[0] * self.phase
         right -= border[1] * plane[: right.size].reshape(right.shape)
-        return np.linalg.solve(self.stages.swapaxes(1, 2), right.reshape(e.N, -1, 1)).reshape(right.shape)
+        stages = np.linalg.solve(self.stages.swapaxes(1, 2), right.reshape(e.N, -1, 1)).reshape(right.shape)
+        return stages, states

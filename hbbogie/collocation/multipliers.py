@@ -19,6 +19,7 @@ Complex = NDArray[np.complex128]
 TRUSTED = 1e-2  # largest error of the trivial multiplier, and estimated error of the others
 SWEEPS, SETTLED = 40, 1e-11  # of an orthogonal iteration, and the change of a logarithm after which it ends
 ROUND_OFF = 1e-9  # multiplier below which another way is taken
+MILD = 1e4  # condition up to which transitions are multiplied
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,11 @@ class Spectrum:
     def others(self) -> Complex:
         """All but the trivial one."""
         return np.delete(self.values, self.trivial)
+
+    @property
+    def tiny(self) -> NDArray[np.int_]:
+        """Places of multipliers that are round-off here."""
+        return np.flatnonzero(np.abs(self.values) < ROUND_OFF)
 
 
 def spectrum_of(line: Linearised) -> Spectrum:
@@ -100,6 +106,12 @@ def log_moduli(transitions: Array) -> tuple[Array, Array]:
         Largest modulus first.
     """
     n = transitions.shape[1]
+    while len(transitions) > 1:  # a product in which nothing is small loses nothing
+        even = np.concatenate([transitions, np.eye(n)[None]]) if len(transitions) % 2 else transitions
+        pairs = even[1::2] @ even[::2]
+        if not (np.linalg.cond(pairs) <= MILD).all():
+            break
+        transitions = pairs
     Q, last = np.eye(n), np.full(n, np.inf)
     for _ in range(SWEEPS):
         begin, logarithms, signs = Q, np.zeros(n), np.ones(n)
@@ -133,7 +145,7 @@ def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array, transitions: 
     with np.errstate(invalid="ignore"):  # infinite ones
         change = np.abs(np.abs(others) - np.abs(finer.others)) / np.maximum(1.0, np.abs(others))
     margin = max(error, float(np.nan_to_num(change, nan=np.inf).max(initial=0.0)))
-    told, tiny = "", np.flatnonzero(np.abs(values) < ROUND_OFF)
+    told, tiny = "", spectrum.tiny
     if len(tiny) == 1:
         rest = np.delete(values, [tiny[0], trivial])
         logarithm = spectrum.divergence - float(np.log(np.abs(rest)).sum())
@@ -143,9 +155,13 @@ def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array, transitions: 
         told = f"; the smallest by Liouville's formula, its logarithm is {logarithm:.12g}"
     elif len(tiny) and transitions is not None:
         logarithms, signs = log_moduli(transitions)
+        smallest = tiny[logarithms[tiny] == logarithms[tiny].min()]  # one, or a complex pair
+        left = spectrum.divergence - float(np.delete(logarithms, smallest).sum())
+        logarithms[smallest] = left / len(smallest)
         values[tiny] = signs[tiny] * np.exp(logarithms[tiny])
         listed = ", ".join(f"{x:.6g}" for x in logarithms[tiny])
-        told = f"; the {len(tiny)} below {ROUND_OFF:g} by factors of the monodromy matrix, with the logarithms {listed}"
+        told = f"; the {len(tiny)} below {ROUND_OFF:g} by factors of the monodromy matrix, the smallest by Liouville's "
+        told += f"formula, with the logarithms {listed}"
     elif len(tiny):
         told = f"; of the {len(tiny)} below {ROUND_OFF:g} only the smallness is meant"
     doubt = ""

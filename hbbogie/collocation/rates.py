@@ -128,6 +128,51 @@ class Rates:
         arguments = (x.T, p, weights.T, sides.T) if sides is not None and given else (x.T, p, weights.T)
         return np.asarray(function(*arguments).full().sum(axis=1))
 
+    def bent(self, x: Array, p: Array, weights: Array, along: Array, sides: Array | None = None) -> Array:
+        """Return the derivative of the weighted rates along a direction, and its own derivatives.
+
+        Parameters
+        ----------
+        x, weights : ndarray, shape (K, n_states)
+        p : ndarray, shape (number of parameters,)
+        along : ndarray, shape (K, n_states + 2)
+            Change of the states, of the parameter, and of the logarithm of a factor of the rates.
+        sides : ndarray, shape (K, number of ramps), optional
+            As of a call.
+
+        Returns
+        -------
+        ndarray, shape (K, n_states + 2)
+            Derivatives in the states and in the parameter, and what they are of.
+        """
+        given = sides is not None and self.kinked
+        key = ("second derivatives of the rates", self.place, len(x), given)
+        function = self.system.once(key, lambda: _bent(self.system, self.place, len(x), given))
+        arguments = (x.T, p, weights.T, along.T, *([sides.T] if sides is not None and given else []))
+        return np.asarray(function(*arguments).full().T)
+
+    def kinks(self, x: Array, p: Array, weights: Array, changes: Array, sides: Array) -> tuple[Array, Array]:
+        """Return the derivative of weighted rates beyond a contact less that before it, and its rate along the motion.
+
+        Parameters
+        ----------
+        x, weights : ndarray, shape (K, n_states)
+            At contacts, where the rates themselves are the same on both sides.
+        p : ndarray, shape (number of parameters,)
+        changes, sides : ndarray, shape (K, number of ramps)
+            1 or -1 where a ramp begins or ceases to act, else 0; where they act before it.
+
+        Returns
+        -------
+        ndarray, shape (K, n_states + 1)
+            In the states and the parameter.
+        ndarray, shape (K,)
+            Its first entries times the rates; its sign does not depend on whether a ramp begins or ceases to act.
+        """
+        function = self.system.once(("kinks", self.place), lambda: _kinks(self.system, self.place))
+        jump, rate = function(x.T, p, weights.T, changes.T, sides.T)
+        return jump.full().T, rate.full().ravel()
+
 
 def _evaluate(function: ca.Function, arguments: list[Array], results: list[Array]) -> None:
     """Evaluate a function in place, without copies to and from CasADi's matrices."""
@@ -181,3 +226,23 @@ def _sensitivity(system: System, K: int, given: bool) -> ca.Function:
     w = ca.SX.sym("w", system.n_states)
     one = ca.Function("sensitivity", [x, p, w, *sides], [ca.densify(ca.jtimes(f, p, w, True))])
     return one.map("sensitivity", "serial", K, [1], [])
+
+
+def _bent(system: System, place: int | None, K: int, given: bool) -> ca.Function:
+    x, p, sides, f = _rates(system, given)
+    n = system.n_states
+    w, along = ca.SX.sym("w", n), ca.SX.sym("along", n + 2)
+    free = x if place is None else ca.vertcat(x, p[place])
+    change = ca.dot(w, ca.jtimes(f, free, along[: free.numel()]) + along[n + 1] * f)
+    slopes = ca.gradient(change, free)
+    one = ca.Function("bent", [x, p, w, along, *sides], [ca.densify(ca.vertcat(slopes[: n + 1], change))])
+    return one.map("bent", "serial", K, [1], [])
+
+
+def _kinks(system: System, place: int | None) -> ca.Function:
+    x, p, (sides,), f = _rates(system, True)
+    w, changes = ca.SX.sym("w", system.n_states), ca.SX.sym("changes", sides.numel())
+    free = x if place is None else ca.vertcat(x, p[place])
+    jump = ca.gradient(ca.dot(w, ca.jtimes(f, sides, changes)), free)
+    rate = ca.dot(jump[: system.n_states], f)
+    return ca.Function("kinks", [x, p, w, changes, sides], [ca.densify(jump), ca.densify(rate)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -11,19 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.collocation.adaption import Placed, chord, located_between
+from hbbogie.collocation.adaption import Placed, chord, curve_at, error_at, located_between, refined
+from hbbogie.collocation.contacts import through_contacts
 from hbbogie.collocation.curve import OnMeshCurve
 from hbbogie.collocation.cycle import CollocatedCycle
+from hbbogie.collocation.folding import Fold, fold_from, fold_gradient
 from hbbogie.collocation.multipliers import TRUSTED
-from hbbogie.collocation.solving import finished
-from hbbogie.solving.arclength import distance, located, product
+from hbbogie.collocation.rates import Rates
+from hbbogie.collocation.solving import ADAPTIONS, FIRST, SHRUNK, Guess, finished, on_mesh
+from hbbogie.solving.arclength import located, product
 from hbbogie.solving.curve import Point
 from hbbogie.stability.crossing import description
 
 Array = NDArray[np.float64]
 LOCATED = 1e-2  # share to which a test function has fallen where it is located, else it jumps
 FLAT = 1e-9  # size of a test function that is round-off
-KINDS = ("fold", "branch point", "period doubling", "Neimark-Sacker")
+KINDS = ("fold", "branch point", "period doubling", "Neimark-Sacker", "grazing")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,18 +34,20 @@ class Special:
 
     Attributes
     ----------
-    kind : {"fold", "branch point", "period doubling", "Neimark-Sacker"}
+    kind : {"fold", "branch point", "period doubling", "Neimark-Sacker", "grazing"}
     curve : OnMeshCurve
     point : Point
     chord : ndarray
-        From the point before it to the one behind, in scaled unknowns.
+        From the point before it to the one behind, in scaled unknowns; of a fold its tangent.
     value, error : float, unit of the parameter
     extremum : {"minimum", "maximum", ""}
     status : str
     curvature : float
-        Of a fold: second derivative of the parameter along the branch in scaled arclength, by the points beside it.
+        Of a fold: second derivative of the parameter along the branch in scaled arclength.
     place : int
         Of the last point before it, among those it was looked for.
+    along : float
+        Distance from that point, in scaled arclength.
     """
 
     kind: str
@@ -56,6 +60,7 @@ class Special:
     status: str
     curvature: float = float("nan")
     place: int = 0
+    along: float = 0.0
 
     __repr__ = brief
 
@@ -84,19 +89,29 @@ def judged(curve: OnMeshCurve, point: Point) -> CollocatedCycle:
     along = min(parameter / max(abs(float(point.tangent[-1])), 1e-300), parameter**0.5)
     of_T, of_states = abs(float(point.tangent[-2])), float(np.abs(point.tangent[:-2]).max())
     errors = period + along * of_T, states + along * of_states, waveform + along * of_states, parameter
-    return finished(curve.equations, point.u, point.error, errors, (curve.spectrum(point), finer, None))
+    own = curve.spectrum(point)
+    transitions = curve.line(point).transitions if len(own.tiny) > 1 else None
+    return finished(curve.equations, point.u, point.error, errors, (own, finer, transitions))
 
 
-def special_between(curve: OnMeshCurve, points: list[Point], kinds: tuple[str, ...]) -> Iterator[Special]:
-    """Locate what happens between successive points of a curve, in their order."""
-    found = []
+def special_between(points: list[Placed], kinds: tuple[str, ...]) -> list[Special]:
+    """Locate what happens between successive points of a branch.
+
+    Where elements are piecewise linear the points have meshes of their own; else they have the same.
+    """
+    found: list[Special] = []
     for kind in kinds:
-        values = [curve.value(kind, point) for point in points]
-        for (a, b), (x, y) in zip(pairwise(points), pairwise(values), strict=True):
-            if x * y < 0 and (special := _located(curve, kind, a, b, min(abs(x), abs(y)))) is not None:
-                place = next(i for i, point in enumerate(points) if point is a)
-                found.append((place, distance(curve, a, special.point), replace(special, place=place)))
-    yield from (special for *_, special in sorted(found, key=lambda f: f[:2]))
+        values = [curve.value(kind, point) for curve, point in points]
+        if points[0][0].equations.rates.kinked:  # next to a family the sign of what is zero is round-off
+            for k in range(len(values) - 2, -1, -1):
+                values[k] = values[k] if abs(values[k]) > FLAT else FLAT * float(np.sign(values[k + 1]))
+        for place, (x, y) in enumerate(pairwise(values)):
+            if (
+                x * y < 0
+                and (special := _located(kind, points[place], points[place + 1], min(abs(x), abs(y)))) is not None
+            ):
+                found.append(replace(special, place=place))
+    return found
 
 
 def turning(found: list[Special], values: Array, noise: float) -> list[Special]:
@@ -112,71 +127,120 @@ def turning(found: list[Special], values: Array, noise: float) -> list[Special]:
     return found
 
 
-def special_along(points: list[Placed], kinds: tuple[str, ...]) -> list[Special]:
-    """Locate what happens between successive points that have meshes of their own, in their order."""
-    found = []
-    for kind in kinds:
-        values = [curve.value(kind, point) for curve, point in points]
-        for k in range(len(values) - 2, -1, -1):  # next to a family the sign of what is zero is round-off
-            values[k] = values[k] if abs(values[k]) > FLAT else FLAT * float(np.sign(values[k + 1]))
-        for place, (x, y) in enumerate(pairwise(values)):
-            if not x * y < 0:
-                continue
-            a, b = points[place : place + 2]
-            (curve, point), error = located_between(a, b, partial(_value, kind))
-            way = chord(a, b, curve.equations)
-            turn = b[1].tangent[-1] - a[1].tangent[-1]
-            special = _special(curve, kind, point, error, min(abs(x), abs(y)), way, float(turn))
-            found += [] if special is None else [replace(special, place=place)]
-    return sorted(found, key=lambda s: s.place)
+def _located(kind: str, a: Placed, b: Placed, size: float) -> Special | None:
+    """Return the special point between two others; None where the test function, at most some size, jumps."""
+    if kind == "fold" and (fold := _fold_between(a, b)) is not None:
+        return folded(fold, a)
+    test = partial(_value, kind)
+    if a[0].equations.rates.kinked:
+        met, error = located_between(a, b, test)
+    elif (on_curve := located(a[0], a[1], b[1], partial(test, a[0]))) is not None:
+        met, error = (a[0], on_curve[0]), on_curve[1]
+    else:
+        return None
+    left = abs(test(*met))
+    if left > max(LOCATED * size, 1e-7):
+        return None
+    if kind == "fold":
+        curve, point = met
+        turn, whole = float(b[1].tangent[-1] - a[1].tangent[-1]), between(a, b)
+        return folded(Fold(curve, point, turn / whole, error * abs(float(point.tangent[-1]))), a)
+    status = _status(kind, *met, left)
+    return None if status is None else marked(kind, met, error, status, a, b)
 
 
 def _value(kind: str, curve: OnMeshCurve, point: Point) -> float:
     return curve.value(kind, point)
 
 
-def _located(curve: OnMeshCurve, kind: str, a: Point, b: Point, size: float) -> Special | None:
-    """Return the special point between two others; None where the test function jumps."""
-    met = located(curve, a, b, lambda point: curve.value(kind, point))
-    if met is None:
+def between(a: Placed, b: Placed) -> float:
+    """Return how far one point lies from another, along the tangent at that."""
+    return product(a[0], a[1].tangent, chord(a, b, a[0].equations))
+
+
+def _fold_between(a: Placed, b: Placed) -> Fold | None:
+    """Return the fold between two points by Newton's method from where it should lie; None where it finds another."""
+    x, y = (point.tangent[-1] for _, point in (a, b))
+    share, whole = float(x / (x - y)), between(a, b)
+    near = int(share > 0.5)
+    curve, point = (a, b)[near]
+    fold = fold_from(curve, point.u + (share - near) * whole * curve.scale * point.tangent, point.tangent)
+    if fold is None or fold.curvature * (y - x) <= 0:
         return None
-    way, turn = (b.u - a.u) / curve.scale, float(b.tangent[-1] - a.tangent[-1])
-    return _special(curve, kind, *met, size, way, turn)
+    return fold if 0 <= between(a, (fold.curve, fold.point)) <= whole else None
 
 
-def _special(
-    curve: OnMeshCurve, kind: str, point: Point, error: float, size: float, way: Array, turn: float
+def folded(fold: Fold, before: Placed | None = None) -> Special:
+    """Return a fold as a special point, that behind another point where one is given."""
+    curve, point, width = fold.curve, fold.point, fold.curve.equations.width
+    value, extremum = float(point.u[-1]), "minimum" if fold.curvature > 0 else "maximum"
+    named = "smallest" if extremum == "minimum" else "largest"
+    status = f"{named} value of {curve.parameter} along the branch; slope {abs(point.tangent[-1]):.1e} where located"
+    along = 0.0 if before is None else between(before, (curve, point))
+    error, curvature = fold.error * width + 1e-12 * abs(value), fold.curvature * width
+    return Special("fold", curve, point, point.tangent, value, error, extremum, status, curvature, along=along)
+
+
+def fold_near(
+    guess: Guess, rates: Rates, interval: tuple[float, float], *, degree: int, tolerance: float
 ) -> Special | None:
-    """Return a special point located with an error; None where the test function, at most some size, has jumped.
+    """Return the fold near a cycle by Newton's method, on a mesh that meets a tolerance; None where there is none.
 
-    ``way`` goes from the point before it to the one behind, over which the share of the parameter in the tangent
-    changes by ``turn``.
+    Parameters
+    ----------
+    guess : Guess
+        A `CollocatedCycle` is taken on its own mesh.
+    rates : Rates
+        With the parameter.
+    interval : (float, float), unit of the parameter
+        Four times what counts as much as one of a scaled state.
+    degree : int
+    tolerance : float
+        Estimated error of the period, of the states where intervals begin and of the parameter.
     """
-    left = abs(curve.value(kind, point))
-    if left > max(LOCATED * size, 1e-7):
+    first = guess if isinstance(guess, CollocatedCycle) and guess.degree == degree else guess.on(FIRST, degree)
+    equations, u = on_mesh(rates, first, (interval[1] - interval[0]) / 4)
+    if (mesh := through_contacts(equations, u)) is not None:
+        equations, u = equations.moved(mesh, degree, u)
+    curve = curve_at(equations, u, interval, np.inf, equations.size)
+    deviation = np.zeros(len(u))  # along the branch the cycle grows
+    growth = curve.deviation(u) * np.sqrt(equations.measure)[..., None]
+    deviation[: growth.size] = growth.ravel()
+    try:
+        tangent, _ = curve.linearise(u).solve(deviation, np.append(np.zeros(len(u) - 1), 1.0))
+    except np.linalg.LinAlgError:
         return None
-    value, extremum, curvature = float(point.u[-1]), "", float("nan")
-    reach = error * abs(float(point.tangent[-1])) * curve.equations.width + 1e-12 * abs(value)
-    if kind == "fold":
-        extremum = "minimum" if turn > 0 else "maximum"
-        curvature = turn / product(curve, point.tangent, way) * curve.equations.width
-        named = "smallest" if extremum == "minimum" else "largest"
-        status = f"{named} value of {curve.parameter} along the branch; slope {left:.1e} where located"
-    elif kind == "Neimark-Sacker":
-        values = curve.spectrum(point).others
-        pair = values[np.argsort(np.abs(np.abs(values) - 1))[:2]]
-        if np.abs(pair.imag).min() < 1e-6 or not _trusted(curve, point, pair[0]):
-            return None  # two real multipliers with product 1: nothing changes
-        status = description(kind, pair[0], half=False)
-    elif kind == "period doubling":
-        values = curve.spectrum(point).others
-        pair = values[[np.argmin(np.abs(values + 1))]]
-        if not _trusted(curve, point, pair[0]):
+    fold = fold_from(curve, u, tangent)
+    for _ in range(ADAPTIONS):
+        if fold is None:
             return None
-        status = description(kind, pair[0], half=False)
-    else:
-        status = f"another branch crosses; smallest singular value {left:.1e} where located"
-    return Special(kind, curve, point, way, value, reach, extremum, status, curvature)
+        e = fold.curve.equations
+        if (np.ptp(e.unpack(fold.point.u)[0], axis=(0, 1)) < SHRUNK * equations.size).all():
+            return None  # a Hopf point
+        if error_at(fold.curve, fold.point) <= tolerance:
+            return folded(fold)
+        there = refined(fold.curve, fold.point, tolerance)
+        fold = None if there is None else fold_from(there[0], there[1].u, there[1].tangent)
+    return None
+
+
+def marked(kind: str, at: Placed, error: float, status: str, a: Placed, b: Placed) -> Special:
+    """Return a special point located with an error, in scaled arclength, between two others."""
+    (curve, point), value = at, float(at[1].u[-1])
+    reach = error * abs(float(point.tangent[-1])) * curve.equations.width + 1e-12 * abs(value)
+    return Special(kind, curve, point, chord(a, b, curve.equations), value, reach, "", status, along=between(a, at))
+
+
+def _status(kind: str, curve: OnMeshCurve, point: Point, left: float) -> str | None:
+    """Return what happens at a point where a test function has fallen to some size; None where that is nothing."""
+    if kind == "branch point":
+        return f"another branch crosses; smallest singular value {left:.1e} where located"
+    values = curve.spectrum(point).others
+    pair = values[np.argsort(np.abs(np.abs(values) - 1))[:2]]
+    if kind == "Neimark-Sacker" and np.abs(pair.imag).min() < 1e-6:
+        return None  # two real multipliers with product 1: nothing changes
+    critical = pair[0] if kind == "Neimark-Sacker" else values[np.argmin(np.abs(values + 1))]
+    return description(kind, critical, half=False) if _trusted(curve, point, critical) else None
 
 
 def _trusted(curve: OnMeshCurve, point: Point, multiplier: complex) -> bool:
@@ -184,16 +248,3 @@ def _trusted(curve: OnMeshCurve, point: Point, multiplier: complex) -> bool:
     own, finer = curve.spectrum(point), curve.estimate(point)[1]
     errors = [abs(s.values[s.trivial] - 1) for s in (own, finer)] + [np.abs(finer.others - multiplier).min()]
     return bool(max(errors) <= TRUSTED)
-
-
-def fold_gradient(curve: OnMeshCurve, point: Point) -> dict[str, float]:
-    """Return the derivatives of a fold's value in all other parameters, by the adjoint."""
-    e, line = curve.equations, curve.line(point)
-    factors = line.adjoint(curve.weights * point.tangent)
-    values, T, _ = e.unpack(point.u)
-    weights = np.einsum("ijn,jk->ikn", factors, e.gauss.a) * (np.diff(e.mesh) * T)[:, None, None] * e.width / e.size
-    slopes = e.rates.sensitivity(
-        values[:, 1:].reshape(-1, e.n), e.parameters(point.u), weights.reshape(-1, e.n), e.sides_of_stages
-    )
-    names = e.rates.system.parameter_names
-    return {name: float(s) for name, s in zip(names, slopes, strict=True) if name != e.rates.parameter}

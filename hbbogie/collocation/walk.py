@@ -18,8 +18,9 @@ from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.logarithms import positive_coordinates
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import FIRST, MOST, Guess, check_guess, on_mesh
-from hbbogie.collocation.special import KINDS, Special, judged, special_along, special_between, turning
+from hbbogie.collocation.special import KINDS, Special, judged, special_between, turning
 from hbbogie.collocation.starting import Sampled
+from hbbogie.collocation.touching import grazings
 from hbbogie.errors import ModelError, door, pair
 from hbbogie.model.ranges import check_interval, check_start
 from hbbogie.results.ending import Ending
@@ -97,13 +98,17 @@ class Followed:
 
     def special(self, kinds: tuple[str, ...] = KINDS) -> list[Special]:
         """Locate what happens between the points, in the order of the branch."""
-        found: list[Special] = []
-        first = 0
+        smooth = tuple(kind for kind in kinds if kind != "grazing")
         if self.kinked:
-            found += special_along(list(self.points()), kinds)
-        for stretch in [] if self.kinked else self.stretches:
-            found += [replace(s, place=first + s.place) for s in special_between(stretch.curve, stretch.points, kinds)]
-            first += len(stretch.points) - 1
+            points = list(self.points())
+            found = special_between(points, smooth) + (grazings(points) if "grazing" in kinds else [])
+        else:
+            found, first = [], 0
+            for stretch in self.stretches:
+                points = [(stretch.curve, point) for point in stretch.points]
+                found += [replace(s, place=first + s.place) for s in special_between(points, smooth)]
+                first += len(stretch.points) - 1
+        found.sort(key=lambda s: (s.place, s.along))
         width = self.stretches[0].curve.equations.width
         return turning(found, self.values, SLACK * self.tolerance * width)
 

@@ -71,6 +71,12 @@ def test_several_tiny_multipliers_by_factors():
     logarithms = np.log(np.abs(cycle.stability.multipliers[2:]))
     assert logarithms == pytest.approx([-10 * 6.66328685932313, -25 * 6.66328685932313], rel=1e-5)
     assert (cycle.stability.multipliers[2:].real > 0).all()
+    branch = hb.trace(Collocation().equations(system), cycle.orbit(), "mu", (0.9, 2.0))
+    for orbit in branch.orbits:  # also of a branch; the sum of all is the integral of the trace
+        T, mu = orbit.period, orbit.parameters["mu"]
+        logarithms = np.log(np.abs(orbit.stability.multipliers))
+        assert logarithms[2:] == pytest.approx([-10 * T, -25 * T], rel=1e-5)
+        assert logarithms.sum() == pytest.approx((mu * (1 - orbit.rms("x") ** 2) - 35) * T, rel=1e-7)
 
 
 def test_factors_of_a_matrix_with_a_complex_pair():

@@ -77,8 +77,17 @@ def test_the_last_contact_is_lost_in_a_grazing(around_the_fold):
     assert "V = 90.973978" in str(end)
 
 
+def test_grazings_are_those_of_the_exact_branch(bogie, cycles_at_90, around_the_fold):
+    """The rear wheelset's 88.76994 m/s, and the front one's, with which the nonlinear branch begins."""
+    exact = hb.trace(Exact().equations(bogie), cycles_at_90[1], "V", (88.5, 91.2))
+    truth, found = (sorted(s.value for s in b.special if s.kind == "grazing") for b in (exact, around_the_fold))
+    assert found == pytest.approx(truth, abs=1e-8)
+    assert truth[0] == pytest.approx(88.76994, abs=5e-6)
+
+
 def test_fold_of_the_bogie_with_its_gradient(bogie, around_the_fold):
     near = around_the_fold.folds()[0]
+    assert near.value == pytest.approx(88.7641131943, abs=1e-9)
     found, exact = (hb.fold(m.equations(bogie), near, "V") for m in (Collocation(), Exact()))
     assert found.value == pytest.approx(exact.value, rel=1e-9)
     size = max(abs(exact.gradient[k] * bogie.values[k]) for k in exact.gradient)
@@ -94,7 +103,10 @@ def test_a_branch_past_a_grazing():
     equations = Collocation().equations(system)
     start = equations.cycle(from_motion(system, [2.0, 0.0])).orbit()
     branch = hb.trace(equations, start, "gap", (1.6, 2.3))
-    assert [end.kind for end in branch.ends] == ["interval", "interval"] and not branch.special
+    assert [end.kind for end in branch.ends] == ["interval", "interval"]
+    (grazing,) = branch.special
+    assert grazing.kind == "grazing" and grazing.value == pytest.approx(2.00861986087484314, abs=1e-8)
+    assert grazing.status == "stop touches for the last time at 2.00862 and -2.00862"
     for orbit in branch.orbits:
         free = orbit.parameters["gap"] > 2.00861986087484314
         assert (abs(orbit.period / 6.66328685932313019 - 1) < 1e-8) == free
