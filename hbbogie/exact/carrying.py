@@ -22,6 +22,7 @@ from hbbogie.exact.walk import SHORT, Walk
 Array = NDArray[np.float64]
 
 ALIGNED = 0.9  # cosine of the angle between the tangents of neighbours, of a design's cycle and of the one carried over
+BEGUN = 1e-2  # scaled duration of the first contact at which the direction of a branch is beyond round-off
 SAME = 1e-8  # relative distance of the value where a branch begins from the Hopf point
 CHECKED = 24  # values over the interval at which the equilibrium must have as many unstable modes as expected
 
@@ -136,7 +137,7 @@ def _stages_of(walk: Walk, begins: bool = False) -> list[Stage]:
     """Return the cycles of a branch that tell how it runs, or only how it begins; none where they do not."""
     points, first = walk.points, walk.points[0]
     normal = unit(len(first.y), len(first.y) - 2)
-    near, _ = correct(first.closing, first.y + SHORT * normal, normal)
+    near, _ = correct(first.closing, first.y + BEGUN * normal, normal)
     if near is None or any(q.kind in ("fold not located", "not located") for q in points):
         return []
     kept = [Stage(first, normal, False), Stage(near.turned() if near.tangent[-2] < 0 else near, normal, True)]

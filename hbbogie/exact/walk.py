@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-11  # largest scaled residual of a fold
 PREDICTED = 1e-2  # distance of the predicted point from the branch for which the step remains unchanged
 COARSE = 5e-2  # the same where only folds and changes of the sequence are asked for, relative to the size of the motion
+BEGUN = 0.05  # step from a grazing up to which it is not looked at how the parameter has changed
 FLAT = 1e-10  # change of the scaled parameter over a step that is round-off
 SHORTEST = 1e-5  # step at which the walk gives up
 NEARER = 1e-3  # step below which a change of the sequence is passed without being located
@@ -156,8 +157,9 @@ def _turns_twice(here: Point, there: Point) -> bool:
     step = there.y - here.y
     change, way = float(step[-1]), np.sign(there.direction)
     a, b = (float(t[-1] * (step @ step) / (t @ step)) for t in (here.tangent, there.tangent))
-    if here.along is not None:  # its tangent does not show the direction
-        return bool(way * change < -FLAT)
+    if here.along is not None:  # at a grazing it changes like a power of the step, second to tenth
+        short = np.linalg.norm(step) <= BEGUN
+        return bool(way * change < -FLAT or not (short or 0.1 * abs(b) <= abs(change) <= 0.6 * abs(b)))
     bend, turn = 3 * change - 2 * a - b, a + b - 2 * change
     x = np.clip(-bend / (3 * turn), 0.0, 1.0) if turn else 0.0  # where the slope a + 2 bend x + 3 turn x^2 is least
     return bool(way * (a + x * (2 * bend + 3 * turn * x)) < -FLAT)
