@@ -94,8 +94,11 @@ def _times(P: Array, Q: Array) -> Array:
 
 def _powers(A: Array) -> Array:
     """Return A, A^2, A^3, A^4, shape (B, U, 4, ...), with their derivatives below."""
-    A2 = _times(A, A)
-    return np.stack([A, A2, _times(A2, A), _times(A2, A2)], axis=2)
+    powers = np.empty((*A.shape[:2], 4, *A.shape[2:]))
+    powers[:, :, 0] = A
+    powers[:, :, 1] = A2 = _times(A, A)
+    powers[:, :, 2], powers[:, :, 3] = _times(A2, A), _times(A2, A2)
+    return powers
 
 
 def _squarings(

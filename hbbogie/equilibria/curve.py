@@ -200,7 +200,8 @@ def _at_zero(rest: Rest, box: Box) -> RestBranch | None:
         return None
     curve, t = RestCurve(rest, box, box.scale), np.zeros(u.shape)
     t[:, -1] = box.scale[-1]
-    return RestBranch(u, t, box.scale, tuple(curve.at(rest.m, float(value)) for value in u[[0, -1], -1]))
+    ends = [curve.at(rest.m, float(value)) for value in u[[0, -1], -1]]
+    return RestBranch(u, t, box.scale, (ends[0], ends[1]))
 
 
 def _null(curve: RestCurve, u: Array) -> list[Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from hbbogie.exact.walk import SHORT
 Array = NDArray[np.float64]
 
 LESSONS = 2  # designs for each coefficient of a polynomial from which guesses for others follow
-CHUNK = 24  # cycles solved for together, as many as fit into the cache
+CHUNK = 20  # cycles solved for together, as many as fit into the cache
 REFILLED = 4  # free places among them at which new ones come in
 ITERATIONS = 14
 TOLERANCE = 1e-10  # largest scaled residual of a fold's conditions before the last correction
@@ -73,12 +74,17 @@ class Nominal:
         found, _ = fold_step(closing, y, *null_vectors(point.at))
         self.closing, self.p = closing, closing.parameters(y)[0]
         self.start = Start(closing.sequence, y[0], found.v[0], found.w[0])
-        self.gradient, self._shifts = gradients(found)[0], shifts(found)
+        self.gradient, self._found = gradients(found)[0], found
+
+    @cached_property
+    def _shifts(self) -> Array:
+        """Derivative of the unknowns in all parameters, shape (m + 1, number of parameters)."""
+        return shifts(self._found)
 
     def starts(self, p: Array) -> dict[int, Start]:
         """Return guesses for designs by first-order extrapolation in the logarithms of the parameters."""
         change = self._changes(p) * self.p
-        y = self.start.y + change @ self._shifts.T
+        y = self.start.y + (change @ self._shifts.T if change.any() else np.zeros((len(p), 1)))
         y[:, -1] = self.start.y[-1] * np.exp(y[:, -1] / self.start.y[-1] - 1.0)
         return {d: replace(self.start, y=y[d]) for d in range(len(p))}
 
@@ -88,12 +94,13 @@ class Nominal:
         Of many designs, the folds of a few tell better guesses for the others, by a polynomial of the second degree.
         """
         starts = self.starts(p)
-        forms = _quadratics(self._changes(p))
-        lessons = LESSONS * forms.shape[1]
-        if len(p) < 2 * lessons:
+        forms = quadratics(self._changes(p))
+        first = list(map(int, lessons(forms)))
+        if not first:
             return solve(self, p, starts)
-        first = [int(d) for d in np.linspace(0, len(p) - 1, lessons)]
         found = solve(self, p, {d: starts[d] for d in first})
+        if not found:  # nor will others
+            return {}
         alike = [d for d, fold in found.items() if fold.closing.sequence == self.start.sequence]
         if len(alike) > forms.shape[1]:
             learnt = []
@@ -110,11 +117,17 @@ class Nominal:
         return np.log(np.where(usable, p, 1.0) / np.where(usable, self.p, 1.0))
 
 
-def _quadratics(x: Array) -> Array:
+def quadratics(x: Array) -> Array:
     """Return the monomials up to the second degree in the columns that are not constant, one row for each of x."""
     x = x[:, np.ptp(x, axis=0) > 0]
     i, j = np.triu_indices(x.shape[1])
     return np.hstack([np.ones((len(x), 1)), x, x[:, i] * x[:, j]])
+
+
+def lessons(forms: Array) -> NDArray[np.int_]:
+    """Return the numbers of a few of many designs from which guesses for the others follow; none where all are few."""
+    few = LESSONS * forms.shape[1]
+    return np.linspace(0, len(forms) - 1, few if 2 * few <= len(forms) else 0).astype(int)
 
 
 def solve(nominal: Nominal, p: Array, starts: dict[int, Start]) -> dict[int, Fold]:

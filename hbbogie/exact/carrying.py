@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from hbbogie.exact.walk import SHORT, Walk
 Array = NDArray[np.float64]
 
 ALIGNED = 0.9  # cosine of the angle between the tangents of neighbours, of a design's cycle and of the one carried over
+BEGUN = 1e-2  # scaled duration of the first contact at which the direction of a branch is beyond round-off
 SAME = 1e-8  # relative distance of the value where a branch begins from the Hopf point
 CHECKED = 24  # values over the interval at which the equilibrium must have as many unstable modes as expected
 
@@ -133,21 +135,21 @@ class Branches:
 
 def _stages_of(walk: Walk, begins: bool = False) -> list[Stage]:
     """Return the cycles of a branch that tell how it runs, or only how it begins; none where they do not."""
-    points, (first, *others) = walk.points, walk.points
+    points, first = walk.points, walk.points[0]
     normal = unit(len(first.y), len(first.y) - 2)
-    near, _ = correct(first.closing, first.y + SHORT * normal, normal)
+    near, _ = correct(first.closing, first.y + BEGUN * normal, normal)
     if near is None or any(q.kind in ("fold not located", "not located") for q in points):
         return []
     kept = [Stage(first, normal, False), Stage(near.turned() if near.tangent[-2] < 0 else near, normal, True)]
-    for point in others if not begins else []:
+    for before, point in pairwise(points) if not begins else []:
         last, zero, n = kept[-1].point, _vanishing(point), len(point.y)
+        # where crossings have just exchanged their order, those of another design may not have, so the next one counts
+        alone = point.closing is not last.closing or point.tangent @ last.tangent < ALIGNED
         if point.kind == "end":
             kept.append(Stage(point, unit(n, n - 1), True))
         elif zero is not None:
             kept.append(Stage(point, unit(n, zero), False))
-        elif not point.kind and (
-            point is points[-1] or point.closing is not last.closing or point.tangent @ last.tangent < ALIGNED
-        ):
+        elif not point.kind and (point is points[-1] or (alone and point.closing is before.closing)):
             kept.append(Stage(point, point.tangent, True))
     return kept
 

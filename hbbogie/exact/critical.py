@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hbbogie.brief import brief
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
-from hbbogie.exact.batch import CHUNK, Fold, Nominal, Start, solve
+from hbbogie.exact.batch import CHUNK, Fold, Nominal, Start, lessons, quadratics, solve
 from hbbogie.exact.carrying import Branches
 from hbbogie.exact.folding import null_vectors
 from hbbogie.exact.hopf import HopfPoints, hopf_of
@@ -168,7 +168,7 @@ def nominal_design(system: System, parameter: str, interval: tuple[float, float]
             "nominal design that has one, or another interval."
         )
     start = at_grazing(system, hopfs[0])
-    folds = _below(follow(start, (low, high)), hopfs[0].value)
+    folds = _below(follow(start, (low, high), step=0.2, longest=3.0, coarse=True), hopfs[0].value)
     return NominalDesign(system, parameter, (low, high), start, Nominal(folds[0]) if folds else None)
 
 
@@ -205,7 +205,15 @@ def critical_values(system: System, points: Array, parameter: str, interval: tup
 
 
 def _hopfs(model: SwitchedLinear, p: Array, place: int, sides: Array, low: float) -> HopfPoints:
-    """Return the Hopf points of all designs, in chunks."""
+    """Return the Hopf points of all designs, in chunks; of many, those of a few tell better guesses for the others."""
+    forms = quadratics(np.log(np.where(p * p[0] > 0, p, 1.0) / np.where(p * p[0] > 0, p[0], 1.0)))
+    first = lessons(forms)
+    if len(first):
+        told = hopf_of(model, p[first], place, sides, low).value
+        known = np.isfinite(told)
+        if known.sum() > forms.shape[1]:
+            p = p.copy()
+            p[:, place] = forms @ np.linalg.lstsq(forms[first][known], told[known], rcond=1e-9)[0]
     parts = [hopf_of(model, p[i : i + CHUNK], place, sides, low) for i in range(0, len(p), CHUNK)]
     return HopfPoints(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(HopfPoints)))
 
@@ -258,7 +266,7 @@ def _followed(
         name = "the branch" if hopf.value == first else f"that of the Hopf point at {hopf.value:.6g}"
         try:
             start = at_grazing(one, hopf)
-            walk = follow(start, wide)
+            walk = follow(start, wide, step=0.2, longest=3.0, coarse=True)
         except ConvergenceError as error:
             lost.append(f"{name} could not be begun: {error}")
             continue

@@ -66,19 +66,19 @@ class Folds:
     @staticmethod
     def joined(parts: list[Folds]) -> Folds:
         """Return folds with one sequence as one batch."""
-        first, frames, ats = parts[0], [f.closing.frame for f in parts], [f.at for f in parts]
 
-        def stacked(of: list[Any], name: str, axis: int = 0) -> Array:
-            return np.concatenate([getattr(one, name) for one in of], axis=axis)
+        def stacked(objects: list[Any], *names: str, axis: int = 0) -> dict[str, Array]:
+            return {name: np.concatenate([getattr(o, name) for o in objects], axis=axis) for name in names}
 
-        frame = Frame(*(stacked(frames, name) for name in ("state", "rate", "rows", "parameter")))
-        closing = replace(first.closing, p=stacked([f.closing for f in parts], "p"), frame=frame)
+        closings, ats = [f.closing for f in parts], [f.at for f in parts]
+        frame = Frame(**stacked([c.frame for c in closings], "state", "rate", "rows", "parameter"))
         at = Linearised(
-            **{f: stacked(ats, f) for f in ("F", "J", "A", "dA", "rows", "drows", "L", "nodes")},
+            **stacked(ats, "F", "J", "A", "dA", "rows", "drows", "L", "nodes"),
+            **stacked(ats, "moved", axis=1),
             E=[np.concatenate(e) for e in zip(*(at.E for at in ats), strict=True)],
-            moved=stacked(ats, "moved", 1),
         )
-        return Folds(closing, *(stacked(parts, f) for f in ("y", "v", "w")), at, *(stacked(parts, f) for f in ("curvature", "error", "step")))
+        closing = replace(closings[0], frame=frame, p=stacked(closings, "p")["p"])
+        return Folds(closing=closing, at=at, **stacked(parts, "y", "v", "w", "curvature", "error", "step"))
 
 
 def null_vectors(at: Linearised) -> tuple[Array, Array]:

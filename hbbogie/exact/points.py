@@ -55,7 +55,7 @@ class Point:
         return float((np.pi if sigma < 0 else 2 * np.pi) / self.y[n : n + S].sum() * self.closing.frame.rate[0])
 
 
-def correct(closing: Closing, y: Array, normal: Array, final: float = FINAL) -> tuple[Point | None, float]:
+def correct(closing: Closing, y: Array, normal: Array) -> tuple[Point | None, float]:
     """Return the point of the branch in the plane through y normal to ``normal``, and its distance from y."""
     start, first, m = y, 0.0, closing.m
     held = np.flatnonzero(normal)
@@ -72,7 +72,7 @@ def correct(closing: Closing, y: Array, normal: Array, final: float = FINAL) -> 
             return None, first
         step[held] = 0.0
         size = float(np.abs(step).max())
-        if size <= final:  # the error after a correction is of the order of its square
+        if size <= FINAL:  # the error after a correction is of the order of its square
             return Point(closing, y + step, tangent / np.linalg.norm(tangent), at), first
         first = first or size
         if not size <= FARTHEST:

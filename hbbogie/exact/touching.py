@@ -90,9 +90,9 @@ def _refined(
 
 
 def consistent(closing: Closing, y: Array, at: Linearised, found: Depths) -> NDArray[np.bool_]:
-    """Return which of the cycles agree with their sequence, shape (B,)."""
-    h = y[:, closing.n : closing.n + closing.sequence.S]
-    return np.asarray((h > -ALLOWED).all(axis=1) & (found.least > -ALLOWED).all(axis=(1, 2)))
+    """Return which of the cycles agree with their sequence, shape (B,); of large ones round-off is larger."""
+    h, size = y[:, closing.n : closing.n + closing.sequence.S], np.maximum(1.0, np.abs(y[:, : closing.n]).max(axis=1))
+    return np.asarray((h > -ALLOWED).all(axis=1) & (found.least.min(axis=(1, 2)) > -ALLOWED * size))
 
 
 def repaired(

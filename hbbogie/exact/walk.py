@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +15,28 @@ from hbbogie.errors import door, pair
 from hbbogie.exact.changes import across, beyond, rotated, sound
 from hbbogie.exact.closing import Closing
 from hbbogie.exact.folding import fold_of
-from hbbogie.exact.points import FINAL, Point, correct, unit
-from hbbogie.exact.touching import consistent, depths
+from hbbogie.exact.points import Point, correct, unit
+from hbbogie.exact.touching import ALLOWED, Depths, consistent, depths
 from hbbogie.results.ending import Ending
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-11  # largest scaled residual of a fold
+PREDICTED = 1e-2  # distance of the predicted point from the branch for which the step remains unchanged
+COARSE = 5e-2  # the same where only folds and changes of the sequence are asked for, relative to the size of the motion
+BEGUN = 0.05  # step from a grazing up to which it is not looked at how the parameter has changed
+FLAT = 1e-10  # change of the scaled parameter over a step that is round-off
 SHORTEST = 1e-5  # step at which the walk gives up
 NEARER = 1e-3  # step below which a change of the sequence is passed without being located
 SHORT = 1e-4  # scaled duration of a contact below which its vanishing would be mistaken for a fold
 LARGEST = 1e3  # size of a motion, in units of that at which the branch began, at which the walk ends
 BEGAN = Ending("began", "the linear cycles of the Hopf point first touch a contact")
+UNORDERED = Ending("stuck", "no order of contacts agrees with the motion beyond the last point")
+LINEAR = Ending("contact", "the last contact is lost in a grazing; the motion beyond is linear")
 BISECTIONS = 8  # bisections between two points in search of a fold
 
 
-def ahead(before: Point | None, here: Point, s: float) -> Array:
+def predicted(before: Point | None, here: Point, s: float) -> Array:
     """Return the point at a distance s on the cubic through two points and their tangents, or on the tangent alone."""
     t = here.tangent
     if before is None or len(before.y) != len(here.y) or before.closing is not here.closing:
@@ -63,8 +70,7 @@ def follow(
     step: float = 0.05,
     longest: float = 1.0,
     most: int = 400,
-    predicted: float = 1e-2,
-    final: float = FINAL,
+    coarse: bool = False,
 ) -> Walk:
     """Follow a branch from a point in the direction of its tangent.
 
@@ -77,6 +83,9 @@ def follow(
         First and longest step in the norm of the scaled unknowns; where these are larger than 1, relative to them.
     most : int
         Largest number of points.
+    coarse : bool
+        Whether only folds and changes of the sequence are asked for, so that steps may be longer. They are shortened
+        all the same where the parameter or a depth may turn twice between two points.
 
     Raises
     ------
@@ -84,14 +93,13 @@ def follow(
         When the window is no pair (low, high), or the point of another kind.
     """
     window = pair("follow: window", window)
-    points, before, here, length = [first], None, first, step
+    points, before, here, length, trail = [first], None, first, step, list[tuple[Point, Depths]]()
     while len(points) < most:
         if time_is_over():
-            return Walk(
-                points, Ending("limit", f"the time limit was reached at {here.value:g}", "raise limit to go on")
-            )
+            why = f"the time limit was reached at {here.value:g}"
+            return Walk(points, Ending("limit", why, "raise limit to go on"))
         low, high = (v / here.closing.frame.parameter[0] for v in window)
-        there, off = correct(here.closing, ahead(before, here, length), here.tangent, final)
+        there, off = correct(here.closing, predicted(before, here, length), here.tangent)
         if there is None or there.tangent @ here.tangent < 0.5:
             length /= 3
             if length < SHORTEST:
@@ -103,15 +111,13 @@ def follow(
             if changed is None:
                 length /= 3
                 if length < SHORTEST:
-                    return Walk(
-                        points, Ending("stuck", "no order of contacts agrees with the motion beyond the last point")
-                    )
+                    return Walk(points, UNORDERED)
                 continue
             if changed.kind == "lost":
-                return Walk(
-                    [*points, replace(changed, kind="grazing")],
-                    Ending("contact", "the last contact is lost in a grazing; the motion beyond is linear"),
-                )
+                return Walk([*points, replace(changed, kind="grazing")], LINEAR)
+        elif length > NEARER and (_turns_twice(here, there) or _dips(trail, there, found)):
+            length /= 3
+            continue
         else:
             changed = there
         turns: list[Point] = []
@@ -131,17 +137,46 @@ def follow(
             kind, what = ("interval", end) if landed else ("stuck", f"no cycle was found at {end}")
             return Walk([*points, *turns, *landed], Ending(kind, what))
         points += [*turns, changed]
-        same = changed.closing is here.closing
-        before, here = (here, changed) if same else (None, changed)
-        factor = min(2.0, max(0.4, (predicted / max(off, 1e-12)) ** (0.25 if before else 0.5)))
-        size = float(np.abs(here.y[: here.closing.n]).max())
+        before, here = here if changed.closing is here.closing else None, changed
+        trail = [*trail[-1:], (there, found)] if before else []
+        size = max(1.0, float(np.abs(here.y[: here.closing.n]).max()))
         if size > LARGEST:
             return Walk(points, Ending("beyond", f"the motion is {LARGEST:g} times as large as where the branch began"))
-        length = min(length * factor, longest * max(1.0, size))
+        allowed, most_longer = (COARSE * size, 4.0) if coarse else (PREDICTED, 2.0)
+        factor = min(most_longer, max(0.4, (allowed / max(off, 1e-12)) ** (0.25 if before else 0.5)))
+        length = min(length * factor, longest * size)
         turned = rotated(here)
-        if turned is not here:
-            before, here = None, turned
+        before, here = before if turned is here else None, turned
     return Walk(points, Ending("points", f"the largest number of points, {most}, was reached"))
+
+
+def _turns_twice(here: Point, there: Point) -> bool:
+    """Tell whether the parameter may turn and turn back over a step, as a cubic with its slopes at both ends does."""
+    if here.direction * there.direction <= 0:
+        return False
+    step = there.y - here.y
+    change, way = float(step[-1]), np.sign(there.direction)
+    a, b = (float(t[-1] * (step @ step) / (t @ step)) for t in (here.tangent, there.tangent))
+    if here.along is not None:  # at a grazing it changes like a power of the step, second to tenth
+        short = np.linalg.norm(step) <= BEGUN
+        return bool(way * change < -FLAT or not (short or 0.1 * abs(b) <= abs(change) <= 0.6 * abs(b)))
+    bend, turn = 3 * change - 2 * a - b, a + b - 2 * change
+    x = np.clip(-bend / (3 * turn), 0.0, 1.0) if turn else 0.0  # where the slope a + 2 bend x + 3 turn x^2 is least
+    return bool(way * (a + x * (2 * bend + 3 * turn * x)) < -FLAT)
+
+
+def _dips(trail: list[tuple[Point, Depths]], there: Point, found: Depths) -> bool:
+    """Tell whether a surface may be reached between points, by parabolas through its depths at the last three."""
+    if len(trail) < 2 or trail[0][0].closing is not there.closing:
+        return False
+    points, seen = [*(q for q, _ in trail), there], [*(d.least for _, d in trail), found.least]
+    h, k = (float(np.linalg.norm(b.y - a.y)) for a, b in pairwise(points))
+    first, second = (seen[1] - seen[0]) / h, (seen[2] - seen[1]) / k
+    bend = (second - first) / (h + k)
+    slope = first + h * bend  # at the point in the middle
+    x = np.clip(-slope / np.where(bend > 0, 2 * bend, np.inf), 0.0, k)
+    size = max(1.0, float(np.abs(there.y[: there.closing.n]).max()))
+    return bool((seen[1] + x * (slope + x * bend) < -ALLOWED * size).any())
 
 
 def _landed(here: Point, there: Point, bound: float) -> list[Point]:

@@ -49,6 +49,22 @@ def test_random_bogies_against_their_exact_branches(bogie, points):
         assert found.fold[d] == pytest.approx(min(v for v in folds if v < hopf.value), rel=1e-9, nan_ok=True)
 
 
+def test_designs_whose_guesses_are_learnt_from_others(bogie):
+    """Of many designs a few are solved for first: the answers are those of each design on its own."""
+    rng = np.random.default_rng(5)
+    given = {name: bogie.values[name] * rng.uniform(0.8, 1.2, 40) for name in ("lam", "K2")}
+    found = critical_speeds_of(bogie, given, interval=SPAN)
+    assert np.isfinite(found.fold).all()
+    for d in (0, 17, 39):
+        own = {name: values[d] for name, values in given.items()}
+        alone = critical_speeds_of(bogie.with_parameters(**own), own, interval=SPAN)
+        for what in ("fold", "fold_omega", "hopf", "hopf_omega"):
+            assert getattr(found, what)[d] == pytest.approx(getattr(alone, what)[0], rel=1e-10)
+        for name in NAMES:
+            share = bogie.values[name]
+            assert found.fold_gradient[name][d] * share == pytest.approx(alone.fold_gradient[name][0] * share, abs=1e-6)
+
+
 def test_one_number_serves_all_designs(bogie):
     found = critical_speeds_of(bogie, {"lam": [0.048, 0.052], "K2": 9e6}, interval=SPAN)
     assert found.points["K2"].tolist() == [9e6, 9e6] and found.fold.shape == (2,)

@@ -7,7 +7,17 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.errors import ModelError
-from hbbogie.exact import at_grazing, critical_values, cycle_of, fold_of, follow, gradients, stabilities
+from hbbogie.exact import (
+    at_grazing,
+    critical_values,
+    cycle_of,
+    fold_of,
+    follow,
+    gradients,
+    hopf_of,
+    stabilities,
+    switched_linear,
+)
 from hbbogie.model import DeadBand
 from hbbogie.results import ConvergenceError
 
@@ -44,6 +54,35 @@ def test_branch_of_the_bogie(bogie, walk):
     # the rear wheelset just touches the flange at its grazing, the front one goes beyond
     cycle = cycle_of(rear)
     assert cycle.amplitude("q3") == pytest.approx(0.0091, rel=1e-12) and cycle.amplitude("q1") > 0.0091
+
+
+@pytest.mark.parametrize("lam", [0.05, 0.11, 0.15])
+def test_longer_steps_lead_to_the_same_folds_and_contacts(bogie, lam):
+    """A branch has its folds and grazings whatever the steps by which it is followed."""
+    for hopf in hb.hopf_points(bogie.with_parameters(lam=lam), "V", (20.0, 175.0))[:2]:
+        start = at_grazing(bogie.with_parameters(lam=lam), hopf)
+        fine, coarse = (follow(start, (20.0, 175.0), coarse=c, step=s) for c, s in ((False, 0.05), (True, 0.2)))
+        assert len(coarse.points) < len(fine.points) and coarse.end == fine.end
+        for kind in ("fold", "grazing", "end"):
+            values = [q.value for q in fine.marked(kind)]
+            assert [q.value for q in coarse.marked(kind)] == pytest.approx(values, rel=1e-10)
+
+
+def test_stability_below_a_hopf_point_is_that_of_all_eigenvalues(bogie):
+    """The branch of each design is stable at rest from the lower end up to its first Hopf point, and only there."""
+    p, place, low = designs(bogie, 40, seed=3, spread=0.6), bogie.parameter_names.index("V"), 5.0
+    p[:, place] = 90.0
+    p[20:, bogie.parameter_names.index("D2")] *= -0.2  # unstable from the beginning
+    found = hopf_of(switched_linear(bogie), p, place, np.zeros(len(switched_linear(bogie).surfaces)), low)
+    located = np.flatnonzero(np.isfinite(found.value))
+    assert len(located) > 20 and found.first.any() and not found.first[located].all()
+    for d in located:
+        below = low + (found.value[d] - low) * (np.arange(16) + 0.5) / 16
+        q = np.tile(p[d], (16, 1))
+        q[:, place] = below
+        rest = np.zeros(bogie.n_states)
+        stable = all((np.linalg.eigvals(bogie.state_matrix(rest, one)).real < 0).all() for one in q)
+        assert bool(found.first[d]) == stable
 
 
 def test_points_of_the_branch_are_cycles_of_shooting(bogie, walk):
