@@ -11,7 +11,7 @@ from hbbogie.branches.decaying import decays
 from hbbogie.branches.motions import AT_REST, recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings, distinct
 from hbbogie.branches.polishing import EXACT, FINER, Polishing
-from hbbogie.branches.relatives import MIRROR, relatives
+from hbbogie.branches.relatives import MIRROR, relatives, turned
 from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, peaks_near, signature
 from hbbogie.branches.starts import Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
@@ -205,7 +205,7 @@ class Census:
 
     def _motion(self, there: System, sense: bool, where: str, x: Array, h: float, size: Array) -> str:
         """Follow a motion; return what it came to, for people."""
-        known = [signature(_turned(o) if sense else o) for o in self.found]
+        known = [signature(turned(o) if sense else o) for o in self.found]
         if has_many_states(self.system):  # to look whether harmonics confirm a recurrence takes little time
             self.failures = 0
         for met in recurrences(there, x, h, size, known):
@@ -217,7 +217,7 @@ class Census:
                         continue
                 if self.failures >= (FEW_FAILURES if self.found else MOST_FAILURES):
                     continue
-                orbit = _turned(met.orbit) if sense else met.orbit
+                orbit = turned(met.orbit) if sense else met.orbit
                 if self.consider(orbit, f"a motion from {where}", near=True):
                     return "came to a cycle"
                 if self.polishing.family:
@@ -347,10 +347,3 @@ class Census:
 
 def _unknown(orbit: Orbit) -> bool:
     return orbit.stability is None or orbit.stability.verdict == "unknown"
-
-
-def _turned(orbit: Orbit) -> Orbit:
-    """Return the motion backwards in time."""
-    c = orbit.coefficients.copy()
-    c[2::2] *= -1  # of the sines
-    return orbit.replace(coefficients=c, advance=tuple(-by for by in orbit.advance))

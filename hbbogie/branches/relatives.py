@@ -1,4 +1,4 @@
-"""What one cycle lets expect beside it: its mirror image, the symmetric one, the one of half the period."""
+"""What one cycle lets expect beside it: its mirror image, the symmetric one, that of half the period, that backwards."""
 
 from __future__ import annotations
 
@@ -46,3 +46,10 @@ def relatives(system: System, orbit: Orbit) -> Iterator[tuple[str, Orbit]]:
         between = np.zeros_like(c)
         between[odd] = c[odd]
         yield "the symmetric one", orbit.replace(coefficients=between)
+
+
+def turned(orbit: Orbit) -> Orbit:
+    """Return the motion backwards in time."""
+    c = orbit.coefficients.copy()
+    c[2::2] *= -1  # of the sines
+    return orbit.replace(coefficients=c, advance=tuple(-by for by in orbit.advance))
