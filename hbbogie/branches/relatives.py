@@ -1,4 +1,4 @@
-"""What one cycle lets expect beside it: its mirror image, the symmetric one, that of half the period, that backwards."""
+"""What a cycle lets expect beside it: its mirror image, the symmetric one, that of half the period, that backwards."""
 
 from __future__ import annotations
 
