@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.deadline import time_is_over
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -19,7 +20,7 @@ from hbbogie.stability.verification import verify
 
 TOGETHER = 8000  # orbits judged together, times the square of the number of states: their matrices are in memory
 EXACT = 1e-3  # error of the trivial multiplier beyond which a cycle without a verdict is polished
-MEETING = 0.2  # distance from 1 of two multipliers that meet there: next to a fold shooting is of no help
+MEETING = 0.2  # distance from 1 of two multipliers that meet there
 MOST = 63  # harmonics with which a cycle without a verdict is solved for again
 NEAR, FAR = 0.01, 0.5  # distance in frequency and, relative to the peaks, in waveform of a polished cycle
 
@@ -90,9 +91,20 @@ def stabilities_of(
         first = [None for _ in some] if time_is_over() else _judged_together(system, some, level)
         for orbit, stability in zip(some, first, strict=True):
             if polish and stability is not None and not clear(stability) and not time_is_over():
-                stability = finer_stability(system, orbit) or polished_stability(system, orbit) or stability
+                stability = _better(system, orbit, stability)
             found.append(stability)
     return found
+
+
+def _better(system: System, orbit: Orbit, stability: Stability) -> Stability:
+    """Return the stability of a cycle without a verdict with more harmonics, or by shooting, where that is closer."""
+    finer = finer_stability(system, orbit)
+    if finer is not None and clear(finer):
+        return finer
+    meets = _meet(stability.multipliers, MEETING)  # shooting is of no help
+    if not meets and (polished := polished_stability(system, orbit)) is not None:
+        return polished
+    return finer if finer is not None and finer.trivial_error < stability.trivial_error else stability
 
 
 def _judged_together(system: System, orbits: Sequence[Orbit], level: bool) -> list[Stability | None]:
@@ -108,13 +120,21 @@ def _judged_together(system: System, orbits: Sequence[Orbit], level: bool) -> li
 
 
 def clear(stability: Stability) -> bool:
-    """Tell whether a verdict is one, or will not become one for a better cycle, as where two multipliers meet at 1."""
-    meeting = np.count_nonzero(np.abs(stability.multipliers - 1) < MEETING) > 1
-    return bool(stability.verdict != "unknown" or stability.trivial_error <= EXACT or meeting)
+    """Tell whether a verdict is one, or will not become one for a better cycle, as where two multipliers meet at 1.
+
+    Over half a period those of an odd cycle meet there at a fold, but not at a pitchfork, where one is at -1.
+    """
+    half = stability.half_multipliers
+    meets = _meet(stability.multipliers, MEETING) if half is None else _meet(half, MEETING / 2)
+    return stability.verdict != "unknown" or stability.trivial_error <= EXACT or meets
+
+
+def _meet(multipliers: NDArray[np.complex128], distance: float) -> bool:
+    return bool(np.count_nonzero(np.abs(multipliers - 1) < distance) > 1)
 
 
 def finer_stability(system: System, orbit: Orbit) -> Stability | None:
-    """Return the stability of a cycle of harmonic balance with twice the harmonics; None where that is not clear."""
+    """Return the stability of a cycle of harmonic balance with twice the harmonics; None where that is another one."""
     if not orbit.method.startswith("harmonic balance") or orbit.H > MOST // 2:
         return None
     at = system.with_parameters(**orbit.parameters)
@@ -123,7 +143,7 @@ def finer_stability(system: System, orbit: Orbit) -> Stability | None:
         found = floquet(system, finer)
     except FAILURES:
         return None
-    if abs(finer.omega / orbit.omega - 1) > NEAR or not clear(found):
+    if abs(finer.omega / orbit.omega - 1) > NEAR:
         return None
     return replace(found, reason=f"{found.reason} Judged on the cycle with harmonics up to {finer.H}.")
 
