@@ -89,6 +89,29 @@ def alone(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
     return starts
 
 
+def together(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
+    """Return states in which all groups move, each as in the cycle where it moves most; of two also in opposite ways.
+
+    Parameters
+    ----------
+    system : System
+    cycles : list of Orbit
+
+    Returns
+    -------
+    list of (str, ndarray of shape (n_states,))
+        For people, and the state. Empty with fewer than two groups.
+    """
+    states = np.array([x for _, x in alone(system, cycles)])
+    if not len(states):
+        return []
+    share = np.where((states != 0).sum(axis=0) > 1, 1 / len(states), 1.0)  # of what belongs to no group
+    starts = [("a state in which all groups move", share * states.sum(axis=0))]
+    if len(states) == 2:
+        starts.append(("a state in which both groups move in opposite ways", share * (states[0] - states[1])))
+    return starts
+
+
 def _places(orbit: Orbit, names: tuple[str, ...] | list[str]) -> list[int]:
     return [orbit.index(name) for name in names]
 
