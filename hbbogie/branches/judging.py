@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.deadline import time_is_over
 from hbbogie.methods.equations import Equations
@@ -22,7 +23,7 @@ from hbbogie.stability.verification import verify
 
 TOGETHER = 8000  # orbits judged together, times the square of the number of states: their matrices are in memory
 EXACT = 1e-3  # error of the trivial multiplier beyond which a cycle without a verdict is polished
-MEETING = 0.2  # distance from 1 of two multipliers that meet there: next to a fold shooting is of no help
+MEETING = 0.2  # distance from 1 of two multipliers that meet there
 EQUALLY = 2.0  # ratio of the distances from 1 of two multipliers that are equally near it
 MOST = 63  # harmonics with which a cycle without a verdict is solved for again
 NEAR, FAR = 0.01, 0.5  # distance in frequency and, relative to the peaks, in waveform of a polished cycle
@@ -96,10 +97,9 @@ def stabilities_of(
             first = _judged_together(system, some, level)
         doubtful = {i: s for i, s in enumerate(first) if polish and s is not None and not clear(s)}
         finer = finer_stabilities(system, [some[i] for i in doubtful], list(doubtful.values()))
-        for i, stability in zip(doubtful, finer, strict=True):
-            if stability is None and not time_is_over():
-                stability = polished_stability(system, some[i])
-            first[i] = stability or doubtful[i]
+        for i, (stability, settled) in zip(doubtful, finer, strict=True):
+            polished = None if settled or time_is_over() else polished_stability(system, some[i])
+            first[i] = polished or stability
         found.extend(first)
     return found
 
@@ -117,29 +117,45 @@ def _judged_together(system: System, orbits: Sequence[Orbit], level: bool) -> li
 
 
 def clear(stability: Stability) -> bool:
-    """Tell whether a verdict is one, or will not become one for a better cycle, as where two multipliers meet at 1."""
-    meeting = np.count_nonzero(np.abs(stability.multipliers - 1) < MEETING) > 1
-    return bool(stability.verdict != "unknown" or stability.trivial_error <= EXACT or meeting)
+    """Tell whether a verdict is one, or will not become one for a better cycle, as where two multipliers meet at 1.
 
-
-def finer_stabilities(system: System, orbits: Sequence[Orbit], given: Sequence[Stability]) -> list[Stability | None]:
-    """Return the stability of cycles of harmonic balance with more harmonics; None where that is not clear.
-
-    The harmonics are doubled until it is. Where two multipliers are equally near 1 and no cycle with twice the
-    harmonics is found, the fold is on its other side, and the stability given is returned: unknown.
+    Over half a period those of an odd cycle meet there at a fold, but not at a pitchfork, where one is at -1.
     """
-    found: list[Stability | None] = [None for _ in orbits]
+    half = stability.half_multipliers
+    meets = _meet(stability.multipliers, MEETING) if half is None else _meet(half, MEETING / 2)
+    return stability.verdict != "unknown" or stability.trivial_error <= EXACT or meets
+
+
+def _meet(multipliers: NDArray[np.complex128], distance: float) -> bool:
+    return bool(np.count_nonzero(np.abs(multipliers - 1) < distance) > 1)
+
+
+def finer_stabilities(
+    system: System, orbits: Sequence[Orbit], given: Sequence[Stability]
+) -> list[tuple[Stability, bool]]:
+    """Return the stability of cycles of harmonic balance with more harmonics, and whether shooting is of no more help.
+
+    The harmonics are doubled until it is clear. Where two multipliers meet at 1, or are equally near it and no cycle
+    with twice the harmonics is found, the fold is on its other side, and shooting would not find the cycle.
+    """
+    best = [(stability, _meet(stability.multipliers, MEETING)) for stability in given]
     left = {i: orbit for i, orbit in enumerate(orbits) if orbit.method.startswith("harmonic balance")}
-    while left := {i: o for i, o in left.items() if found[i] is None and o.H <= MOST // 2 and not time_is_over()}:
+    while left := {i: o for i, o in left.items() if o.H <= MOST // 2 and not time_is_over()}:
         solved = _with_twice_the_harmonics(system, left)
         for i in left.keys() - solved.keys():
-            found[i] = given[i] if _two_at_1(given[i]) else None
-        left = {i: o for i, o in solved.items() if abs(o.omega / orbits[i].omega - 1) <= NEAR}
-        for i, stability in zip(left, _judged_together(system, list(left.values()), level=True), strict=True):
-            if stability is not None and clear(stability):
-                reason = f"{stability.reason} Judged on the cycle with harmonics up to {left[i].H}."
-                found[i] = replace(stability, reason=reason)
-    return found
+            best[i] = best[i][0], best[i][1] or _two_at_1(given[i])
+        near = {i: o for i, o in solved.items() if abs(o.omega / orbits[i].omega - 1) <= NEAR}
+        left = {}
+        for (i, orbit), finer in zip(near.items(), _judged_together(system, list(near.values()), True), strict=True):
+            if finer is None:
+                continue
+            settled = clear(finer)
+            if settled or finer.trivial_error < best[i][0].trivial_error:
+                reason = f"{finer.reason} Judged on the cycle with harmonics up to {orbit.H}."
+                best[i] = replace(finer, reason=reason), best[i][1] or settled
+            if not settled:
+                left[i] = orbit
+    return best
 
 
 def _two_at_1(stability: Stability) -> bool:

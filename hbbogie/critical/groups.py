@@ -1,4 +1,4 @@
-"""Branches of cycles in which one group of bodies moves and the others nearly rest: no Hopf point need lead to them."""
+"""Branches of cycles in which one group of bodies moves, or all do: no Hopf point need lead to them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.branches.crossing import crossings
 from hbbogie.branches.motions import recurrences, sample_distance
@@ -13,12 +14,13 @@ from hbbogie.branches.same import of_prime_period, once_each, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.methods.equations import Equations
 from hbbogie.model.system import System
-from hbbogie.motion.energy import group_states, moving_groups
+from hbbogie.motion.energy import alone, group_states, moving_groups
 from hbbogie.results import Branch, Orbit
 from hbbogie.results.failure import FAILURES
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 
+Array = NDArray[np.float64]
 REST = 2.0  # errors of the trivial multiplier that another one may be off
 SMALLEST = 1e-3  # size of a state that rests, relative to the largest of its kind
 
@@ -26,7 +28,7 @@ SMALLEST = 1e-3  # size of a state that rests, relative to the largest of its ki
 def cycles_of_groups(
     equations: Equations, branches: Sequence[Branch], hopf: Sequence[float]
 ) -> Iterator[tuple[str, Orbit | None]]:
-    """Yield what motions of one group of bodies at a time come to, where rest is stable and cycles are known.
+    """Yield what motions of one group of bodies at a time, and of all, come to where rest is stable and cycles known.
 
     Parameters
     ----------
@@ -49,12 +51,11 @@ def cycles_of_groups(
     system = equations.system.with_parameters(**{name: value})
     known = [o for b in branches for o in crossings(equations, b, value)]
     marks, size = [signature(o) for o in known], np.zeros(system.n_states)
-    starts = group_states(system, known)
-    for _, x in starts:
+    for _, x in alone(system, known):
         size = np.maximum(size, np.abs(x))
     size = np.maximum(size, SMALLEST * size.max())
     h = sample_distance(np.linalg.eigvals(system.state_matrix(0 * size, system.vector())).astype(complex))
-    for where, x in starts:
+    for where, x in group_states(system, known):
         said = f"the motion at {name} = {value:.6g} from {where}"
         if time_is_over():
             yield f"{said} was not begun before the time limit", None

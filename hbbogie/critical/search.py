@@ -32,7 +32,7 @@ ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in 
 APART = 0.01  # share of the interval by which a fold must lie above another one to stay so with more harmonics
 SMALL = 1e-3  # share of the interval up to which what harmonics leave out is corrected for, by which a fold is shifted
 # branches only lead to their folds, each of which is solved for again, and whose multipliers then tell of doubts
-COARSELY: dict[str, Any] = {"tolerance": 1e-7, "doubts": False}
+COARSELY: dict[str, Any] = {"tolerance": 1e-7, "doubts": False, "max_points": 1000}
 RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
 
@@ -66,7 +66,7 @@ class Search:
     least: float = float("inf")
 
     def look_in_groups(self, hopf: list[float]) -> None:
-        """Follow the branches to which motions of one group of bodies lead, up to the highest Hopf point."""
+        """Follow the branches to which motions of groups of bodies lead, up to the highest Hopf point."""
         if not self.branches or time_is_over():
             return
         coarse, parameter = HarmonicBalance(ORDERS[0]).equations(self.system), self.branches[0].parameter

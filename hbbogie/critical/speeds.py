@@ -40,8 +40,8 @@ def critical_speeds(
     for what these leave out (eq-fold-shift), unless the system is linear between switchings. The orbit at the fold
     keeps the value that its harmonics give.
 
-    Where the coordinates belong to groups of bodies, motions in which one group moves below the first Hopf point lead
-    to further branches.
+    Where the coordinates belong to groups of bodies, motions in which one group moves below the first Hopf point, or
+    all do, lead to further branches.
 
     Parameters
     ----------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,11 +65,30 @@ def moving_groups(system: System, orbit: Orbit) -> str:
     return " + ".join(moving) if len(moving) <= NAMED else f"{len(moving)} of {len(shares)} groups"
 
 
-def group_states(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
+def group_states(system: System, cycles: list[Orbit]) -> Iterator[tuple[str, Array]]:
+    """Yield states in which one group of bodies moves and all others rest, and then states in which all groups move.
+
+    A motion from the latter need not come to a cycle of any branch from a Hopf point.
+
+    Parameters
+    ----------
+    system : System
+    cycles : list of Orbit
+        Each group moves as in the one where it moves most. Those that are added meanwhile count for the later states.
+
+    Yields
+    ------
+    (str, ndarray of shape (n_states,))
+        For people, and the state. Nothing with fewer than two groups.
+    """
+    yield from alone(system, cycles)
+    yield from _together(system, cycles)
+
+
+def alone(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
     """Return states in which one group moves and all others rest, as in the cycle where that group moves most.
 
-    In one more state all groups move, each as in that cycle and in phase: such a motion need not lie on any branch from
-    a Hopf point.
+    The coordinate of the group that has most energy is at its crest.
 
     Parameters
     ----------
@@ -81,20 +102,29 @@ def group_states(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]
     """
     if len(system.groups) < 2 or not cycles:
         return []
-    starts, together = [], np.zeros((2, system.n))
+    starts = []
     for name, names in system.groups.items():
         orbit = max(cycles, key=lambda o: _energies(system, o)[_places(o, names)].sum())
         own = _places(orbit, names)
         others = [c for group, names in system.groups.items() if group != name for c in names]
-        q, v = orbit.q(0.0)[0], orbit.v(0.0)[0]
+        largest = own[int(np.argmax(_energies(system, orbit)[own]))]
+        crest = float(np.arctan2(*orbit.coefficients[[2, 1], largest])) / orbit.omega
+        q, v = orbit.q(crest)[0], orbit.v(crest)[0]
         for x in (q, v):
             x[_places(orbit, others)] = 0.0
         starts.append((f"a state in which only the {name} moves", np.append(q, v[list(system.second_order)])))
-        largest = own[int(np.argmax(_energies(system, orbit)[own]))]
-        crest = float(np.arctan2(*orbit.coefficients[[2, 1], largest])) / orbit.omega
-        together[:, own] = orbit.q(crest)[0][own], orbit.v(crest)[0][own]
-    q, v = together
-    starts.append(("a state in which all groups move", np.append(q, v[list(system.second_order)])))
+    return starts
+
+
+def _together(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
+    """Return states in which all groups move, each as in `alone`: in phase, and of two also in opposite phase."""
+    states = np.array([x for _, x in alone(system, cycles)])
+    if not len(states):
+        return []
+    share = np.where((states != 0).sum(axis=0) > 1, 1 / len(states), 1.0)  # of what belongs to no group
+    starts = [("a state in which all groups move", share * states.sum(axis=0))]
+    if len(states) == 2:
+        starts.append(("a state in which both groups move in opposite ways", share * (states[0] - states[1])))
     return starts
 
 

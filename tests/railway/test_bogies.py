@@ -172,6 +172,16 @@ def test_kaas_petersen_cycles_and_fold(flanged):
         assert cycle.omega == pytest.approx(known.omega, abs=5e-4)
 
 
+def test_kaas_petersen_pitchfork_with_few_harmonics(flanged):
+    """Where 21 harmonics give multipliers that are not trusted, those of twice as many locate the upper pitchfork."""
+    _, coarse, branch, _ = flanged
+    beside = hb.trace(coarse, branch.orbits[-1], "V", (127.0, 142.0))
+    (fork,) = beside.special
+    low, high = fork.interval
+    assert fork.kind == "pitchfork" and fork.value == pytest.approx(KAAS.POINTS["pitchforks"][1], abs=0.01)
+    assert low < KAAS.POINTS["pitchforks"][1] < high and high - low < 1.0
+
+
 @pytest.mark.slow
 def test_kaas_petersen_symmetric_folds(flanged):
     """The two folds of symmetric cycles, with 47 harmonics, whose tails are 1e-5."""

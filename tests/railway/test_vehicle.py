@@ -282,6 +282,16 @@ def test_attractors_are_told_apart_in_critical_speeds():
 
 
 @pytest.mark.slow
+def test_the_lowest_fold_may_lie_on_a_branch_of_both_bogies_that_no_hopf_point_leads_to():
+    """At 63.954 m/s, below the folds of front and rear bogie, all wheelsets 14 mm aside settle on a cycle in time."""
+    made = {"lam": 0.1679, "muN": 17390.0, "kpx": 2.758e7, "kpy": 3.272e6, "c1": 2.36e5, "Fb": 5406.0}
+    system = VEHICLE.vehicle(**made)
+    found = smallest_critical(system, "V", VEHICLE.RANGE, gradients=False)
+    assert "all groups move came to another cycle (both)" in found["status"] and not found["failed"]
+    assert found["critical"] < 63.954
+
+
+@pytest.mark.slow
 def test_the_lowest_fold_may_lie_on_the_branch_of_the_rear_bogie_and_below_the_interval():
     """The job gives it, and more harmonics put it at the same place within its error."""
     system = VEHICLE.vehicle(lam=0.22)
