@@ -168,7 +168,7 @@ def nominal_design(system: System, parameter: str, interval: tuple[float, float]
             "nominal design that has one, or another interval."
         )
     start = at_grazing(system, hopfs[0])
-    folds = _below(follow(start, (low, high), step=0.2, longest=3.0, coarse=True), hopfs[0].value)
+    folds = _below(follow(start, (low, high), step=0.1, coarse=True), hopfs[0].value)
     return NominalDesign(system, parameter, (low, high), start, Nominal(folds[0]) if folds else None)
 
 
@@ -266,7 +266,7 @@ def _followed(
         name = "the branch" if hopf.value == first else f"that of the Hopf point at {hopf.value:.6g}"
         try:
             start = at_grazing(one, hopf)
-            walk = follow(start, wide, step=0.2, longest=3.0, coarse=True)
+            walk = follow(start, wide, step=0.1, coarse=True)
         except ConvergenceError as error:
             lost.append(f"{name} could not be begun: {error}")
             continue

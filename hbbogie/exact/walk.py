@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-11  # largest scaled residual of a fold
 PREDICTED = 1e-2  # distance of the predicted point from the branch for which the step remains unchanged
-COARSE = 5e-2  # the same where only folds and changes of the sequence are asked for, relative to the size of the motion
 BEGUN = 0.05  # step from a grazing up to which it is not looked at how the parameter has changed
 FLAT = 1e-10  # change of the scaled parameter over a step that is round-off
 SHORTEST = 1e-5  # step at which the walk gives up
@@ -33,6 +32,7 @@ LARGEST = 1e3  # size of a motion, in units of that at which the branch began, a
 BEGAN = Ending("began", "the linear cycles of the Hopf point first touch a contact")
 UNORDERED = Ending("stuck", "no order of contacts agrees with the motion beyond the last point")
 LINEAR = Ending("contact", "the last contact is lost in a grazing; the motion beyond is linear")
+BESIDE = 1e-3  # share of a step by which a fold may lie outside
 BISECTIONS = 8  # bisections between two points in search of a fold
 
 
@@ -84,8 +84,8 @@ def follow(
     most : int
         Largest number of points.
     coarse : bool
-        Whether only folds and changes of the sequence are asked for, so that steps may be longer. They are shortened
-        all the same where the parameter or a depth may turn twice between two points.
+        Whether only folds and changes of the sequence are asked for: steps are then longer where the motion is large.
+        Any step is shortened where the parameter or a depth may turn twice between two points.
 
     Raises
     ------
@@ -142,8 +142,8 @@ def follow(
         size = max(1.0, float(np.abs(here.y[: here.closing.n]).max()))
         if size > LARGEST:
             return Walk(points, Ending("beyond", f"the motion is {LARGEST:g} times as large as where the branch began"))
-        allowed, most_longer = (COARSE * size, 4.0) if coarse else (PREDICTED, 2.0)
-        factor = min(most_longer, max(0.4, (allowed / max(off, 1e-12)) ** (0.25 if before else 0.5)))
+        allowed = PREDICTED * size if coarse else PREDICTED
+        factor = min(2.0, max(0.4, (allowed / max(off, 1e-12)) ** (0.25 if before else 0.5)))
         length = min(length * factor, longest * size)
         turned = rotated(here)
         before, here = before if turned is here else None, turned
@@ -195,7 +195,7 @@ def between(here: Point, there: Point, changed: Point) -> Point:
 
     ``there`` is the second point in the sequence of the first, and ``changed`` is the same point in its own sequence.
     """
-    far = 2 * np.linalg.norm(there.y - here.y)
+    chord = there.y - here.y
     for closing, y in _guesses(here, there, changed):
         touching = [closing.n + i for i in closing.sequence.touching]
         if (y[touching] < SHORT).any():
@@ -204,7 +204,8 @@ def between(here: Point, there: Point, changed: Point) -> Point:
         if not found.error[0] <= TOLERANCE or (found.y[0, touching] < SHORT).any():
             continue
         point = Point(closing, found.y[0], np.append(found.v[0], 0.0), found.at, "fold", 0.0)
-        if np.linalg.norm(point.y - y) <= far and sound(point):
+        within = len(point.y) != len(chord) or -BESIDE <= (point.y - here.y) @ chord / (chord @ chord) <= 1 + BESIDE
+        if within and np.linalg.norm(point.y - y) <= 2 * np.linalg.norm(chord) and sound(point):
             return point
     return replace(changed, kind="fold not located")
 
