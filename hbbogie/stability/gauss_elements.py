@@ -28,7 +28,7 @@ PIECES, ROUNDS = 4, 12  # most pieces of an element that is divided, and how oft
 MOST = 2**14  # elements of an orbit beyond which none is divided
 AT_REST = 1e-6  # smallest size of a coordinate that counts, relative to the largest
 CHUNK = 64  # phases of one call
-LARGEST = 2**20  # numbers of the matrices that are factorised together
+LARGEST = 2**18  # numbers of the matrices that are factorised together
 
 
 def _weights() -> tuple[Array, Array, Array, Array, Array]:
