@@ -5,7 +5,7 @@ studies end as they should. ``python -m hbbogie.benchmark train`` measures train
 
 Each figure is the best of several single-threaded runs on this machine. Elapsed time is shown beside the processor time
 of this process, which is less sensitive to other work on the machine. Parts can be named: ``exact``, ``collocation``,
-``balance``, ``census``, ``explorer``; the last moves sliders in a browser.
+``balance``, ``smooth``, ``census``, ``explorer``; the last moves sliders in a browser.
 """
 
 from __future__ import annotations
@@ -204,6 +204,26 @@ def measure_exact(table: Table, designs: int = 1000) -> None:
     )
 
 
+def measure_smooth(table: Table, H: int = 15) -> None:
+    """Measure branches of harmonic balance of two smooth systems, without and with multipliers at each point."""
+    oscillator = load_problem("van_der_pol").van_der_pol(mu=1.0)
+    bogie = load_problem("kaas_petersen1986").bogie(flange=False)
+    (hopf,) = hopf_points(bogie, "V", (50.0, 140.0))
+    first = find_cycles(oscillator, mu=1.0, stability=False)[0]
+    cases: list[tuple[str, System, Any, str, tuple[float, float]]] = [
+        ("van der Pol from mu = 0.5 to 3", oscillator, first, "mu", (0.5, 3.0)),
+        ("Kaas-Petersen's bogie without flanges, 50 to 140 m/s", bogie, hopf, "V", (50.0, 140.0)),
+    ]
+    for name, system, start, parameter, span in cases:
+        equations = HarmonicBalance(H).equations(system)
+        for stability in (False, True):
+            table.add(
+                f"{name}, H = {H}{', with multipliers' if stability else ''}",
+                partial(trace, equations, start, parameter, span, stability=stability),
+                remark=lambda b: f"{len(b)} points, {sum(o.verdict == 'unknown' for o in b.orbits)} unknown",
+            )
+
+
 def measure_collocation(table: Table) -> None:
     """Measure collocation, and harmonic balance beside it, on van der Pol's oscillator."""
     builder = load_problem("van_der_pol").van_der_pol
@@ -309,7 +329,7 @@ def _peak_memory() -> float:
 def main(arguments: Sequence[str] = ()) -> None:
     """Measure and print what the arguments of the command line ask for: all parts, those named, or reliability."""
     known = {"exact": measure_exact, "collocation": measure_collocation, "balance": measure, "census": measure_census}
-    known |= {"auto": measure_auto, "explorer": measure_explorer}
+    known |= {"smooth": measure_smooth, "auto": measure_auto, "explorer": measure_explorer}
     parser = argparse.ArgumentParser(prog="python -m hbbogie.benchmark", description=__doc__)
     parser.add_argument("parts", nargs="*", help=f"{', '.join(known)}; or reliability; or train")
     parser.add_argument("--count", type=int, default=200, help="random bogies and flipped bits of reliability")

@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 Places = NDArray[np.int_]
 
 STAGES = 6  # Gauss points of an element, which give order 12 at its end
-TOLERANCE = 1e-7  # largest error of an element's transition matrix, in states of size 1
+TOLERANCE = 1e-9  # largest error of an element's transition matrix, in states of size 1
 PIECES, ROUNDS = 4, 12  # most pieces of an element that is divided, and how often that is done
 MOST = 2**14  # elements of an orbit beyond which none is divided
 AT_REST = 1e-6  # smallest size of a coordinate that counts, relative to the largest
 CHUNK = 64  # phases of one call
-LARGEST = 2**20  # numbers of the matrices that are factorised together
+LARGEST = 2**18  # numbers of the matrices that are factorised together
 
 
 def _weights() -> tuple[Array, Array, Array, Array, Array]:

@@ -82,7 +82,9 @@ class _OfSeries:
         return (self.c.shape[1] - 1) // 2
 
     def at(self, tau: Array, derivative: int = 0, of: Places = 0) -> Array:
-        E, out = fourier.synthesis(self.H, tau, derivative), np.empty((len(tau), self.c.shape[2]))
+        # cycles of a branch have many phases in common
+        phases, place = (tau, slice(None)) if isinstance(of, int) else np.unique(tau, return_inverse=True)
+        E, out = fourier.synthesis(self.H, phases, derivative)[place], np.empty((len(tau), self.c.shape[2]))
         for k, own in _each(of, len(self.c)):
             out[own] = E[own] @ self.c[k]
         return out

@@ -126,6 +126,8 @@ def _collocated(waveforms: Waveforms, meshes: list[Array], divide: bool, pieces:
 
 def _mesh(ends: Array, N: int) -> Array:
     """Return the phases of a mesh of N steps that contains the ends."""
+    if len(ends) == 2:
+        return np.linspace(ends[0], ends[1], N + 1)
     end, lengths = ends[-1], np.diff(ends)
     counts = np.maximum(1, np.floor(N * lengths / end).astype(int))
     while counts.sum() < N:
