@@ -243,7 +243,7 @@ def oregonator() -> Figure:
 def first_picture(name: str) -> Figure:
     """Return the first picture that `hbbogie run` draws of a problem: for the gallery."""
     module = hb.load_problem(name)
-    if name == "vehicle":
+    if name in ("vehicle", "vehicle_design"):  # of one system
         return vehicle_attractors()
     if name == "train":  # whose whole job takes minutes: a motion that settles on hunting
         system = module.SYSTEM(V=110.0)

@@ -6,7 +6,7 @@ curve of the yaw dampers may be changed, within what is built. Limits speak agai
 
 - curving without slip: in a curve of radius R a wheelset that stands radially is turned by lb / R against its frame,
   which takes the moment 2 kpx bp^2 lb / R. Creep forces give 2 a muN at most. The sharpest curve in which the wheelsets
-  still stand radially has the radius kpx bp^2 lb / (a muN). It is to be 2500 m at most;
+  still stand radially has the radius kpx bp^2 lb / (a muN). It is to be 1500 m at most;
 - curves entered: the moment by which the bogie resists being turned, over wheelbase and axle load, is 0.1 at most. The
   yaw is that of a curve of 250 m, its rate 1 degree a second;
 - comfort: at the service speed every mode of the straight run has a damping ratio of at least 10 %, so that the
@@ -72,12 +72,14 @@ def design(system: System) -> dict[str, Any]:
     p = system.values
     return {
         "over": {
-            "kpx": (0.6 * p["kpx"], 1.4 * p["kpx"]),
-            "kpy": ((p["mc"] + 2 * p["mb"]) * 1.0 / (8 * 2e-3), 1.4 * p["kpy"]),
-            **{name: (0.5 * p[name], 2.0 * p[name]) for name in ("c1", "Fb", "c2")},
+            "kpx": (5e6, 40e6),
+            "kpy": ((p["mc"] + 2 * p["mb"]) * 1.0 / (8 * 2e-3), 8e6),
+            "c1": (100e3, 600e3),
+            "Fb": (3e3, 12e3),
+            "c2": (5e3, 20e3),
         },
         "subject_to": [
-            Limit(Expression("radius without slip", slip_radius, "m"), upper=2500.0),
+            Limit(Expression("radius without slip", slip_radius, "m"), upper=1500.0),
             Limit(Expression("rotation resistance", rotation_resistance, "1"), upper=0.1),
             Limit(DampingRatio(at=SERVICE), lower=0.1),
         ],
