@@ -97,6 +97,8 @@ class Comparison:
     truth : str
         Name of the method taken as the truth.
     rows : tuple of Compared
+    left_out : tuple of str
+        A sentence on each method that would be compared by default and cannot do the system.
     """
 
     parameter: str
@@ -105,11 +107,14 @@ class Comparison:
     methods: dict[str, TracedBranch]
     truth: str
     rows: tuple[Compared, ...]
+    left_out: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         values = [row.value for row in self.rows]
         at = f" at {self.parameter} = {min(values):g} to {max(values):g} {self.unit}" if values else ""
-        return lines(f"{len(self.rows)} cycles{at} beside {self.truth}", *map(self._said, self.approximations))
+        return lines(
+            f"{len(self.rows)} cycles{at} beside {self.truth}", *map(self._said, self.approximations), *self.left_out
+        )
 
     def _said(self, method: str) -> str:
         """Return the largest errors of a method in words."""

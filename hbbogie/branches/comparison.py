@@ -81,6 +81,18 @@ def check_methods(names: Iterable[str]) -> list[str]:
     return chosen
 
 
+def default_methods(system: System) -> tuple[list[str], tuple[str, ...]]:
+    """Return those of the default methods that can do a system, and a sentence on each other."""
+    kept, left_out = [], []
+    for name in DEFAULT_METHODS:
+        try:
+            method_named(name).equations(system)
+            kept.append(name)
+        except ModelError as error:
+            left_out.append(f"{name} is left out: {error}")
+    return kept, tuple(left_out)
+
+
 def _named(system: System, name: str) -> str:
     """Return what the name of a method stands for with a system: "auto" is "exact" or "mhb63"."""
     if name != "auto":
@@ -125,7 +137,7 @@ def trace_by_method(
 @door(system=System, parameter=str, values=(list, tuple, np.ndarray))
 def compare(
     system: System,
-    methods: Sequence[str] = DEFAULT_METHODS,
+    methods: Sequence[str] | None = None,
     values: Sequence[float] | None = None,
     *,
     parameter: str | None = None,
@@ -146,6 +158,7 @@ def compare(
         with all that they depend on sinusoidal), "mhb15" (multi-harmonic balance with its highest harmonic; "mhb" is
         "mhb15") and, for systems that are linear between switchings, "exact" (cycles in closed form), for smooth ones
         "collocation" (piecewise polynomials on a mesh that adapts). "auto" is "exact" where that applies, else "mhb63".
+        Where left out: df1, df2, mhb3 and mhb15, as far as they can do the system; the result says what is left out.
     values : sequence of float, optional, unit of the parameter
         Where to compare; twelve values over the interval where left out.
     parameter : str, optional
@@ -169,7 +182,8 @@ def compare(
     name = parameter or system.parameter_names[0]
     span = interval or default_reach(system, name)
     (truth,) = (_named(system, name) for name in check_methods([truth]))
-    names = check_methods([_named(system, name) for name in [*check_methods(methods), truth]])
+    given, left_out = default_methods(system) if methods is None else (check_methods(methods), ())
+    names = check_methods([_named(system, name) for name in [*given, truth]])
     hopf = hopf_points(system, name, span)
     if not hopf:
         raise ModelError(
@@ -187,7 +201,8 @@ def compare(
     for i, value in enumerate(chosen):
         progress(f"cycles at {name} = {value:g}", 0.5 + i / (2 * len(chosen)))
         rows += _compared(followed, truth, float(value))
-    return Comparison(name, system.parameter(name).unit, _compared_coordinates(system), followed, truth, tuple(rows))
+    compared = _compared_coordinates(system)
+    return Comparison(name, system.parameter(name).unit, compared, followed, truth, tuple(rows), left_out)
 
 
 def _compared_coordinates(system: System) -> tuple[str, ...]:

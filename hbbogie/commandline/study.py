@@ -158,9 +158,12 @@ def export(
     from hbbogie.reports.study import damage
     from hbbogie.studies.dataset import check_export
     from hbbogie.studies.dataset import export as write
+    from hbbogie.studies.study import points_file
 
-    path, _ = _found(file, store, points)
-    check_export(output)
+    path, study_file = _found(file, store, points)
+    target = check_export(output).resolve()
+    if study_file and target == points_file(study_file):
+        raise ModelError(f"{str(output)!r} holds the study's points, which an export would replace; give another name.")
     data = _read(path)
     written = write(data, output)
     notes = (f"{data.sizes['point']} points exported.", *damage(data))

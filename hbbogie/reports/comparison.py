@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbbogie.branches.comparison import DEFAULT_METHODS, Comparison, check_methods, compare, method_named
-from hbbogie.errors import ModelError
+from hbbogie.branches.comparison import Comparison, check_methods, compare, default_methods
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
@@ -110,10 +109,7 @@ def comparison_of(
     methods, values, progress
         As of `compare`. Values that are given are compared generally, also where the module has its own way.
     """
-    chosen = check_methods(methods or DEFAULT_METHODS)
-    left_out: tuple[str, ...] = ()
-    if not methods:
-        chosen, left_out = _possible(system, chosen)
+    chosen, left_out = (check_methods(methods), ()) if methods else default_methods(system)
     own = getattr(module, "comparison", None)
     if own is not None and values is None:
         report: Report = own(system, chosen, progress)
@@ -139,18 +135,6 @@ def _quasi_linear(system: System, found: Comparison) -> tuple[str, ...]:
         f"df1 is quasi-linear practice: in the equations of {names} the nonlinear forces that are no elements, such as "
         "creep forces, count with their first harmonic, all that they depend on being sinusoidal.",
     )
-
-
-def _possible(system: System, names: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
-    """Return those of the default methods that can do a system, and a sentence on each other."""
-    kept, left_out = [], []
-    for name in names:
-        try:
-            method_named(name).equations(system)
-            kept.append(name)
-        except ModelError as error:
-            left_out.append(f"{name} is left out: {error}")
-    return kept, tuple(left_out)
 
 
 def _page(found: Comparison) -> Figure:

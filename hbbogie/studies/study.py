@@ -143,6 +143,13 @@ def read_look(name_or_path: str | Path, inputs: Sequence[str], sampling: str) ->
     return reader.look(content, inputs, sampling)
 
 
+def points_file(name_or_path: str | Path) -> Path | None:
+    """Return the file that a study reads its points from; None where the study file says them itself."""
+    reader, content = _read(name_or_path)
+    file = reader.take(reader.take(content, "", "points", dict, {}), "points", "file", str, "")
+    return reader.beside(file) if file else None
+
+
 def _read(name_or_path: str | Path) -> tuple[_Reader, dict[str, Any]]:
     """Return the reader of a study file, and its content."""
     path = find_study(name_or_path)

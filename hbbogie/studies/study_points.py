@@ -69,7 +69,7 @@ class PointsReader:
     def beside(self, file: str) -> Path:
         """Return a path, relative to the study file."""
         path = Path(file).expanduser()
-        return path if path.is_absolute() else (self.path.parent / path).resolve()
+        return (self.path.parent / path).resolve()
 
     def numbers(self, table: str, key: str, given: Any) -> list[float]:
         """Return a number or a list of numbers as a list."""

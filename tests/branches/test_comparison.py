@@ -36,6 +36,19 @@ def test_one_harmonic_is_exact_for_a_circular_cycle():
     assert circle.methods["df1"].fold == pytest.approx(-0.25, rel=1e-9)
 
 
+def test_default_methods_that_cannot_do_a_system_are_left_out_with_a_sentence():
+    """The first describing function of van der Pol's oscillator has amplitude 2 and omega 1 at every mu (closed form).
+
+    The second needs elements, of which this system has none.
+    """
+    found = compare(hb.load_problem("van_der_pol").van_der_pol(), values=(1.0,), interval=(-1.0, 2.0), truth="mhb31")
+    assert found.approximations == ("df1", "mhb3", "mhb15") and "df2 is left out" in " ".join(found.left_out)
+    (row,) = found.rows
+    assert row.orbits["df1"].amplitude("x") == pytest.approx(2.0, rel=1e-9)
+    assert row.orbits["df1"].omega == pytest.approx(1.0, rel=1e-9)
+    assert "df2 is left out" in repr(found)
+
+
 def test_both_cycles_are_compared_part_by_part(found):
     assert [(row.value, row.part) for row in found.rows] == [(90.0, 0), (90.0, 1), (127.81, 1), (184.46, 1)]
 

@@ -218,6 +218,16 @@ def test_an_export_does_not_replace_the_store(small, tmp_path):
     assert store.read_bytes() == whole
 
 
+def test_an_export_does_not_replace_the_points(small, tmp_path):
+    points = tmp_path / "p.csv"
+    (tmp_path / "s.toml").write_text(HEAD.format(job="job.py:square") + '[points]\nsample = "csv"\nfile = "p.csv"\n')
+    points.write_text("a\n1.0\n2.0\n")
+    assert small("run", "s.toml", "--workers", "0")[0] == 0
+    code, said = small("export", "s.toml", "-o", "p.csv")
+    assert code == 2 and "holds the study's points, which an export would replace" in said
+    assert points.read_text() == "a\n1.0\n2.0\n"
+
+
 def test_more_processes_than_a_machine_can_start_are_refused(small):
     code, said = small("run", "s.toml", "--workers", "1000000000")
     assert code == 2 and "give at most" in said and "cluster" in said
