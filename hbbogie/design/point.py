@@ -21,6 +21,7 @@ from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import FAILURES, ConvergenceError
@@ -254,11 +255,11 @@ def stable_cycle(point: DesignPoint, key: Any, value: float) -> Orbit | None:
         except ConvergenceError:
             del point.kept[key]
     span = point.interval[0], max(point.interval[1], 1.01 * value)
-    found = [
-        cycle
-        for branch in branches_from_hopf(point.equations, point.parameter, span)
-        for cycle in crossings(point.equations, branch, value)
-    ]
+    found: list[Orbit] = []
+    for reach in (span, widened(point.system, point.parameter, span)):  # its Hopf point may lie beyond the end
+        if not found:
+            branches = branches_from_hopf(point.equations, point.parameter, reach)
+            found = [cycle for branch in branches for cycle in crossings(point.equations, branch, value)]
     if not found:
         return None
 

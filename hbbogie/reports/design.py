@@ -176,16 +176,16 @@ def parameter_table(design: Design) -> Table:
 def critical_table(design: Design) -> Table:
     """Return the critical values before and after."""
     unit = design.before.system.parameter(design.before.parameter).unit
-    rows = [
+    rows: list[tuple[Any, ...]] = [
         (when, name, c.value, c.omega, c.orbit.frequency, moving_groups(point.system, c.orbit))
         for when, point in _both(design)
         for name, c in zip(point.names, point.critical, strict=True)
     ]
     columns = ("design", "name", label(design.before.parameter, unit), "omega [rad/s]", "frequency [Hz]", "moves")
-    if not design.before.system.groups:
-        rows, columns = [row[:-1] for row in rows], columns[:-1]
-    formats = ("", "", ".7g", ".6g", ".6g", "")[: len(columns)]
-    return Table("critical", "Critical values before and after", columns, tuple(rows), formats)
+    shown = 6 if design.before.system.groups else 5
+    formats = ("", "", ".7g", ".6g", ".6g", "")
+    rows = [row[:shown] for row in rows]
+    return Table("critical", "Critical values before and after", columns[:shown], tuple(rows), formats[:shown])
 
 
 def limit_table(design: Design) -> Table:
