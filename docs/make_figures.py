@@ -19,6 +19,7 @@ from PIL import Image
 
 import hbbogie as hb
 from hbbogie import plot
+from hbbogie.design import design_point
 from hbbogie.model import shipped_problems
 from hbbogie.reports import (
     Report,
@@ -31,6 +32,7 @@ from hbbogie.reports import (
     ramp_of,
     run_of,
 )
+from hbbogie.studies import load_study, shipped_studies
 
 IMAGES = Path(__file__).parent / "images"
 COLOURS = 256  # of the palette: a third of the size, and no difference to be seen
@@ -187,6 +189,30 @@ def vehicle_attractors() -> Figure:
     return problem.study(problem.vehicle(), lambda message, share: None).figures["attractors_y1"]()
 
 
+def vehicle_design() -> Figure:
+    """Draw the front wheelset of the vehicle on the branch of its lowest fold, before and after its design."""
+    problem = hb.load_problem("vehicle_design")
+    vehicle = problem.SYSTEM()
+    design = hb.optimise(vehicle, interval=problem.RANGE, **problem.design(vehicle))
+    branches = [
+        hb.trace(point.equations, point.critical[0].orbit, "V", (30.0, 150.0), families=False, stability=False)
+        for point in (design.before, design.after)
+    ]
+    ax = plot.branch(branches, y="y1", labels=["before", "after"], parameter_label="speed V [m/s]")
+    return plot.figure_of(ax)
+
+
+def vehicle_hunting() -> Figure:
+    """Draw the share of the designs of the study vehicle_hunting below each lowest critical speed."""
+    points = load_study(shipped_studies()["vehicle_hunting"]).points
+    vehicle, interval = hb.load_problem("vehicle").vehicle(), (20.0, 100.0)
+    nominal = design_point(vehicle, "V", interval, 9)
+    systems = [vehicle.with_parameters(**dict(zip(points.names, row, strict=True))) for row in points.values]
+    values = [design_point(system, "V", interval, 9, nominal).value for system in systems]
+    ax = plot.shares({"lam, muN": values}, service=50.0, parameter_label="lowest critical speed [m/s]")
+    return plot.figure_of(ax)
+
+
 def conicity() -> Figure:
     """Draw the equivalent conicity of S1002 on UIC60 over the amplitude."""
     return conicity_of("s1002", "uic60").figures["conicity"]()
@@ -243,7 +269,7 @@ def oregonator() -> Figure:
 def first_picture(name: str) -> Figure:
     """Return the first picture that `hbbogie run` draws of a problem: for the gallery."""
     module = hb.load_problem(name)
-    if name == "vehicle":
+    if name in ("vehicle", "vehicle_design"):  # of one system
         return vehicle_attractors()
     if name == "train":  # whose whole job takes minutes: a motion that settles on hunting
         system = module.SYSTEM(V=110.0)
@@ -267,7 +293,7 @@ def main(wanted: list[str]) -> None:
     IMAGES.mkdir(exist_ok=True)
     own: list[Callable[[], Figure]] = [van_der_pol_harmonics, stop_branch, circuit_branches, bogie_basin]
     own += [attraction, bogie_chart, bogie_cusps, conicity, belt_branch, airfoil_branch, oregonator]
-    own += [wheelset, bogies, vehicle_attractors, train]
+    own += [wheelset, bogies, vehicle_attractors, vehicle_design, vehicle_hunting, train]
     for draw in own:
         if not wanted or draw.__name__ in wanted:
             save(draw(), draw.__name__)

@@ -17,7 +17,7 @@ curve of the yaw dampers may be changed, within what is built. Limits speak agai
 Conicity grows as wheels wear, and the friction limit depends on the weather. Their factors are those of the study
 vehicle_hunting.
 
-Sources: D. Boocock, Journal Mechanical Engineering Science 11 (1969) 556-566, and D. E. Newland, ASME Journal of
+Source: D. Boocock, Journal Mechanical Engineering Science 11 (1969) 556-566, and D. E. Newland, ASME Journal of
 Engineering for Industry 91 (1969) 908-918, for curving by creep forces until a wheel slips; the rotation resistance is
 the X factor of EN 14363. The figures of limits, bounds and scatter are typical ones, chosen for this example.
 """
@@ -33,7 +33,8 @@ from scipy import stats
 from hbbogie import System, load_problem
 from hbbogie.design import DampingRatio, Expression, Limit, Uncertainty
 
-SYSTEM = load_problem("vehicle").vehicle
+VEHICLE = load_problem("vehicle")
+SYSTEM, study = VEHICLE.vehicle, VEHICLE.study
 PARAMETER = "V"
 RANGE = (30.0, 110.0)
 SERVICE = 50.0  # m/s

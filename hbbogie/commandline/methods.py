@@ -165,6 +165,7 @@ DesignFile = Annotated[
 
 @command(
     "hbbogie design yang1995_design",
+    "hbbogie design vehicle_design --samples 0",
     "hbbogie design problems/yang1995_design.py --starts 4",
     "hbbogie design yang1995_design --robust 2 --set lam=0.06 --json",
 )

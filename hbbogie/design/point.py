@@ -22,6 +22,7 @@ from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.equilibria.linearisation import Linearisation
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import FAILURES, ConvergenceError
@@ -103,6 +104,7 @@ def design_point(
     harmonics: int = 15,
     near: DesignPoint | None = None,
     anew: bool = False,
+    follow: bool = False,
 ) -> DesignPoint:
     """Find the critical values at a design, from scratch or from a nearby design.
 
@@ -119,12 +121,14 @@ def design_point(
         if a fold that may be the smallest critical value is lost. Other folds that are lost are left out.
     anew : bool
         Whether branches are traced in any case; what they lead to is added to what is followed.
+    follow : bool
+        Whether to give up, rather than to trace, where a fold that may be the smallest critical value is lost.
 
     Raises
     ------
     ConvergenceError
-        When the equilibrium is already unstable at the beginning of the range, or the gradient of the smallest critical
-        value is not known.
+        When the equilibrium is already unstable at the beginning of the range, the gradient of the smallest critical
+        value is not known, or a fold is lost that was to be followed.
     """
     equations = HarmonicBalance(harmonics).equations(system)
     eigenvalues = Linearisation(system, parameter).eigen(interval[0])[0]
@@ -134,8 +138,11 @@ def design_point(
             "critical value lies below the range.",
             statistics={"below": interval[0]},
         )
-    known, sure = ({}, False) if near is None else _followed(near, system, harmonics)
-    if anew or not sure:
+    known, lost = ({}, False) if near is None else _followed(near, system, harmonics)
+    if lost and follow:
+        raise ConvergenceError("a fold that may be the smallest critical value was lost on the way to this design.")
+    hopfs = [sum(c.kind == "hopf" for c in some) for some in (known.values(), near.critical if near else ())]
+    if near is None or anew or lost or hopfs[0] > hopfs[1]:
         found = critical_speeds(system, parameter, interval, harmonics=harmonics)
         new = [c for c in found if c.extremum != "maximum" and not _among(c, known)]
         known |= _numbered(new, (*known, *near.names) if near else ())
@@ -150,26 +157,30 @@ def design_point(
 
 
 def _followed(near: DesignPoint, system: System, harmonics: int) -> tuple[dict[str, Critical], bool]:
-    """Return the critical values by name as they follow from those of a nearby design, and whether that is enough."""
+    """Return the critical values by name as they follow from those of a nearby design, and whether one is lost."""
     hopf = [hopf_gradient(system, h) for h in hopf_points(system, near.parameter, near.interval)]
-    found, lost = _numbered(hopf), dict[str, tuple[float, Critical]]()
+    found, lost, smallest_lost = _numbered(hopf), [], False
     for name, c in zip(near.names, near.critical, strict=True):
         if c.kind == "fold":
             there = _moved(c, near.system, system, harmonics)
             if there is None or _among(there, found):
-                change = system.vector() - near.system.vector()
-                lost[name] = c.value + min(float(near.gradient(c.gradient) @ change), 0.0), c
+                lost.append((c.value + min(_expected(c, near.system, system), 0.0), name, c))
             else:
                 found[name] = there  # a fold stays when its Hopf point leaves the range
-    smallest = min([c.value for c in found.values()] + [near.interval[1]])
-    sure = len(hopf) <= sum(c.kind == "hopf" for c in near.critical)
-    for name, (least, c) in lost.items():
-        there = _in_steps(c, near.system, system, harmonics) if least <= smallest else None
-        if there is not None and not _among(there, found):
-            found[name] = there
-        elif least <= smallest:
-            sure = False
-    return found, sure
+    for least, name, c in sorted(lost):
+        smallest = min([other.value for other in found.values()] + [near.interval[1]])
+        if least <= smallest:
+            last, between = _in_steps(c, near.system, system, harmonics)
+            if between is system and not _among(last, found):
+                found[name] = last
+            elif last.value + min(_expected(last, between, system), 0.0) <= smallest:
+                smallest_lost = True
+    return found, smallest_lost
+
+
+def _expected(c: Critical, before: System, after: System) -> float:
+    """Return by how much a critical value changes from one design to another, to first order."""
+    return sum(c.gradient[n] * (after.values[n] - value) for n, value in before.values.items() if n in c.gradient)
 
 
 def _among(c: Critical, found: Mapping[str, Critical]) -> bool:
@@ -180,7 +191,7 @@ def _moved(c: Critical, before: System, after: System, harmonics: int) -> Critic
     """Return the fold of a design that Newton's method finds from one of another design; None where it finds none."""
     change = {n: after.values[n] - value for n, value in before.values.items() if n in c.gradient}
     change = {n: step for n, step in change.items() if step}
-    p = after.vector(**{c.parameter: c.value + sum(c.gradient[n] * step for n, step in change.items())})
+    p = after.vector(**{c.parameter: c.value + _expected(c, before, after)})
     equations = HarmonicBalance(harmonics).equations(before).phased(c.orbit)
     try:
         z = equations.encode(c.orbit) + fold_motion(equations, c, [*change])[:-1] @ [*change.values()]
@@ -190,19 +201,21 @@ def _moved(c: Critical, before: System, after: System, harmonics: int) -> Critic
     return there if there.extremum == c.extremum else None
 
 
-def _in_steps(c: Critical, before: System, after: System, harmonics: int) -> Critical | None:
-    """Follow a fold from one design to another in steps; None where it is lost."""
+def _in_steps(c: Critical, before: System, after: System, harmonics: int) -> tuple[Critical, System]:
+    """Follow a fold from one design to another in steps; return it where it was followed to, and the design there."""
     way = {name: after.values[name] - value for name, value in before.values.items() if name != c.parameter}
     here, done, stride = before, 0.0, 0.5
     while done < 1 and stride > SHORTEST:
         share = min(done + stride, 1.0)
-        between = after.with_parameters(**{n: after.values[n] - (1 - share) * step for n, step in way.items()})
-        there = _moved(c, here, between, harmonics)
-        if there is None:
+        there = after
+        if share < 1:
+            there = after.with_parameters(**{n: after.values[n] - (1 - share) * step for n, step in way.items()})
+        moved = _moved(c, here, there, harmonics)
+        if moved is None:
             stride /= 2
         else:
-            here, done, c, stride = between, share, there, 1.5 * stride
-    return c if done == 1 else None
+            here, done, c, stride = there, share, moved, 1.5 * stride
+    return c, here
 
 
 def _numbered(found: Sequence[Critical], taken: Sequence[str] = ()) -> dict[str, Critical]:
@@ -243,11 +256,11 @@ def stable_cycle(point: DesignPoint, key: Any, value: float) -> Orbit | None:
         except ConvergenceError:
             del point.kept[key]
     span = point.interval[0], max(point.interval[1], 1.01 * value)
-    found = [
-        cycle
-        for branch in branches_from_hopf(point.equations, point.parameter, span)
-        for cycle in crossings(point.equations, branch, value)
-    ]
+    found: list[Orbit] = []
+    for reach in (span, widened(point.system, point.parameter, span)):  # its Hopf point may lie beyond the end
+        if not found:
+            branches = branches_from_hopf(point.equations, point.parameter, reach)
+            found = [cycle for branch in branches for cycle in crossings(point.equations, branch, value)]
     if not found:
         return None
 

@@ -19,6 +19,7 @@ from hbbogie.progress import Progress
 from hbbogie.results.failure import ConvergenceError
 
 Array = NDArray[np.float64]
+CLOSE = 0.02  # longest step, in unit variables, after which a fold that is lost is taken to have vanished
 RESCANS = 3  # number of restarts when the range contains a lower critical value than those followed
 
 
@@ -121,7 +122,10 @@ class DesignTask:
     def evaluate(self, x: Array, near: DesignPoint | None, anew: bool = False) -> Sample[DesignPoint]:
         """Return the scaled objective and limits at a point of the unit cube."""
         system = self.system.with_parameters(**self.values(x))
-        point = design_point(system, self.parameter, self.interval, self.harmonics, near, anew)
+        far = 0.0
+        if near is not None:
+            far = np.abs((system.vector() - near.system.vector())[self.places] / self.width).max()
+        point = design_point(system, self.parameter, self.interval, self.harmonics, near, anew, bool(far > CLOSE))
         terms, limits = self.objective_terms(point), self.limit_terms(point)
         slopes: dict[str, Array] = {}
         curvatures: dict[str, Callable[[], Array]] = {}

@@ -20,6 +20,7 @@ from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.design_checks import check_table
 from hbbogie.reports.report import Report
@@ -175,13 +176,16 @@ def parameter_table(design: Design) -> Table:
 def critical_table(design: Design) -> Table:
     """Return the critical values before and after."""
     unit = design.before.system.parameter(design.before.parameter).unit
-    rows = [
-        (when, "Hopf point" if c.kind == "hopf" else c.kind, c.value, c.omega, c.orbit.frequency)
+    rows: list[tuple[Any, ...]] = [
+        (when, name, c.value, c.omega, c.orbit.frequency, moving_groups(point.system, c.orbit))
         for when, point in _both(design)
-        for c in point.critical
+        for name, c in zip(point.names, point.critical, strict=True)
     ]
-    columns = ("design", "kind", label(design.before.parameter, unit), "omega [rad/s]", "frequency [Hz]")
-    return Table("critical", "Critical values before and after", columns, tuple(rows), ("", "", ".7g", ".6g", ".6g"))
+    columns = ("design", "name", label(design.before.parameter, unit), "omega [rad/s]", "frequency [Hz]", "moves")
+    shown = 6 if design.before.system.groups else 5
+    formats = ("", "", ".7g", ".6g", ".6g", "")
+    rows = [row[:shown] for row in rows]
+    return Table("critical", "Critical values before and after", columns[:shown], tuple(rows), formats[:shown])
 
 
 def limit_table(design: Design) -> Table:
@@ -251,11 +255,12 @@ def robust_table(design: Design, uncertain: Uncertainty, drawn: dict[str, MonteC
 
 
 def _branch(point: DesignPoint, progress: Progress, when: str) -> Branch | None:
-    """Return the branch from the first Hopf point that leads to one, judged; None where there is none."""
+    """Return the branch of the smallest fold, or else from the first Hopf point that leads to one; None without any."""
     progress(f"branch {when}", None)
-    for hopf in hopf_points(point.system, point.parameter, point.interval):
+    smallest = [c.orbit for c in point.critical[:1] if c.kind == "fold"]
+    for start in (*smallest, *hopf_points(point.system, point.parameter, point.interval)):
         try:
-            return trace(point.equations, hopf, point.parameter, point.interval, longest=0.15, families=False)
+            return trace(point.equations, start, point.parameter, point.interval, longest=0.15, families=False)
         except ConvergenceError:
             continue
     return None

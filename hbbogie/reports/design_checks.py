@@ -1,16 +1,14 @@
-"""Checks of an optimal design by other means: tracing anew, one nonlinear program, integration in time."""
+"""Checks of an optimal design by other means: a search anew, one nonlinear program, integration in time."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from hbbogie.branches.continuation import trace
+from hbbogie.critical.speeds import critical_speeds
 from hbbogie.design.criteria import Expression
 from hbbogie.design.optimisation import Design
 from hbbogie.design.point import DesignPoint, stable_cycle
 from hbbogie.design.single_program import single_level
-from hbbogie.equilibria.hopf import hopf_points
-from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.motion.settling import settle
 from hbbogie.progress import Progress
 from hbbogie.reports.table import Table
@@ -20,19 +18,20 @@ from hbbogie.units import label
 OFF = 0.01  # share below and above the critical value at which motions are integrated
 FASTER = 0.1  # share above it where the cycle lives from which these motions start
 LEAST = 0.1  # of the range: the shares are of the critical value, but of no less than this
-FINER = 31  # highest harmonic of the independent tracing
 
 
 def check_table(design: Design, task: dict[str, Any], progress: Progress) -> Table:
-    """Return the checks of the optimum: tracing with more harmonics, one nonlinear program, integration in time."""
+    """Return the checks of the optimum: a search without a guess, one nonlinear program, integration in time."""
     point, unit = design.after, design.before.system.parameter(design.before.parameter).unit
     rows: list[tuple[str, str, float | None]] = []
-    progress(f"tracing with harmonics up to {FINER}", None)
-    finer = _smallest_traced(point)
-    rows.append((f"traced anew, harmonics to {FINER}", "smallest Hopf point or fold", finer))
+    progress("searching for all critical values anew", None)
+    found = critical_speeds(point.system, point.parameter, point.interval)
+    first = found[0].value if found else point.interval[1]
+    rows.append(("searched anew, without a guess", "; ".join(found.undecided) or "smallest Hopf point or fold", first))
     others = {a.name for a in design.active if a.kind == "limit"}
     mine = [limit for limit in task.get("subject_to", ()) if isinstance(limit.quantity, Expression)]
-    if "maximise" not in task and "minimise" not in task and others <= {limit.quantity.name for limit in mine}:
+    same = design.before.names == design.after.names and "maximise" not in task and "minimise" not in task
+    if same and others <= {limit.quantity.name for limit in mine}:
         progress("one nonlinear program", None)
         one = single_level(design.before, design.over, mine)
         rows.append(("one nonlinear program", one.status, one.value))
@@ -46,23 +45,9 @@ def check_table(design: Design, task: dict[str, Any], progress: Progress) -> Tab
     notes = (
         f"The motions start on the cycle at {_aside(point, FASTER):.5g} {unit}".rstrip()
         + ". The nonlinear program knows the limits on "
-        "parameters only, and is left out where others hold the optimum.",
+        "parameters and the critical values of the first design only, and is left out where others hold the optimum.",
     )
     return Table("checks", title, columns, tuple(rows), ("", "", ".8g"), notes)
-
-
-def _smallest_traced(point: DesignPoint) -> float:
-    """Return the smallest Hopf point or fold of branches traced with more harmonics, without any guess."""
-    equations = HarmonicBalance(FINER).equations(point.system)
-    values = [point.interval[1]]
-    for hopf in hopf_points(point.system, point.parameter, point.interval):
-        values.append(hopf.value)
-        try:
-            branch = trace(equations, hopf, point.parameter, point.interval, families=False, stability=False)
-        except ConvergenceError:
-            continue
-        values += [f.value for f in branch.folds()]
-    return float(min(values))
 
 
 def _aside(point: DesignPoint, share: float) -> float:
