@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +95,7 @@ def group_matrices(waveforms: Waveforms, mesh: Array, of: int) -> tuple[Array, f
     return np.array(found), trace
 
 
-def _stepped(steps: Array, A: csr_matrix, entries: list[tuple[Array, ...]], Phi: Array) -> Array:
+def _stepped(steps: Array, A: csr_matrix, entries: Sequence[tuple[Array, ...]], Phi: Array) -> Array:
     """Return a matrix after fourth-order Runge-Kutta steps of Phi' = A(t) Phi, given A's entries at three times."""
     for h, (start, half, end) in zip(steps, entries, strict=True):
         A.data = start  # a new matrix would take as long as its product
