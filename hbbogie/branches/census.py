@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.decaying import decays
-from hbbogie.branches.motions import AT_REST, recurrences, sample_distance, state_of
+from hbbogie.branches.motions import recurrences, sample_distance, state_of
 from hbbogie.branches.onsets import beginnings, distinct
 from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives, turned
 from hbbogie.branches.relaxation import on_one_of, settled, solved
-from hbbogie.branches.same import alike, peaks_near, signature
+from hbbogie.branches.same import alike, signature
 from hbbogie.branches.starts import Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
 from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
@@ -218,7 +218,9 @@ class Census:
                 if self.failures >= (FEW_FAILURES if self.found else MOST_FAILURES):
                     continue
                 orbit = turned(met.orbit) if sense else met.orbit
-                if self.consider(orbit, f"a motion from {where}", near=True):
+                if (cycle := self.consider(orbit, f"a motion from {where}", near=True)) is not None:
+                    if has_many_states(self.system) and cycle.verdict == "unstable":  # a motion that passes by
+                        continue
                     return "came to a cycle"
                 if self.polishing.family:
                     return "came to one of a continuous family of cycles"
@@ -293,27 +295,19 @@ class Census:
         near: bool = False,
         finer: tuple[int, ...] = FINER,
         on_branch: bool = False,
-    ) -> bool:
-        """Polish a candidate and keep the cycle, if it is new; tell whether there is one (near it, if asked)."""
+    ) -> Orbit | None:
+        """Polish a candidate and keep the cycle, if it is new; return it where there is one (near it, if asked)."""
         polished = self.polishing.polished(orbit, () if near else finer)
         if polished is None:
             if not near:
                 self.evidence.append(
                     f"a candidate of period {orbit.period:.6g} s on {origin} is not confirmed by shooting"
                 )
-            return False
-        times = max(1, round(polished.omega / orbit.omega))  # a recurrence may be several periods long
-        once = orbit.replace(omega=times * orbit.omega, advance=tuple(by / times for by in orbit.advance))
-        if near and not self._ends_there(once, polished):
-            return False
+            return None
+        if near and not self.polishing.is_near(polished, orbit):
+            return None
         self._keep(polished, origin, on_branch=on_branch)
-        return True
-
-    def _ends_there(self, recurrence: Orbit, polished: Orbit) -> bool:
-        """Tell whether a cycle is the one that a motion comes to, of which a recurrence is known."""
-        if has_many_states(self.system):  # what hardly moves has not come to rest when the recurrence is taken
-            return peaks_near(polished, recurrence, AT_REST)
-        return alike(polished, recurrence, 0.05)
+        return polished
 
     def _keep(self, polished: Orbit, origin: str, mark: Array | None = None, *, on_branch: bool = False) -> None:
         """Add a cycle to those found, if it is new; its mark tells it from others better than that of its harmonics."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from hbbogie.branches.confirming import by_harmonics
 from hbbogie.branches.crossing import family_message
+from hbbogie.branches.motions import AT_REST
 from hbbogie.branches.relaxation import solved
-from hbbogie.branches.same import in_one_turn, of_prime_period
+from hbbogie.branches.same import alike, in_one_turn, of_prime_period, peaks_near
 from hbbogie.collocation.starting import from_orbit
 from hbbogie.deadline import time_is_over
 from hbbogie.methods.harmonic import HarmonicBalance
@@ -28,6 +29,7 @@ UNRESOLVED = 1e-2  # tail of an orbit beyond which collocation is tried before s
 ENOUGH = 320  # intervals of collocation for a cycle that harmonics resolve
 CONVERGED = 1e-3  # change of the frequency with more harmonics of a cycle that shooting does not confirm
 ONE, SPLIT = 1e-2, 1e-6  # largest error of the trivial multiplier, and distance from 1 of others that are 1 as well
+NEAR = 0.05  # distance, see `alike`, of a cycle from a recurrence of a motion that comes to it
 EXACT = 1e-10  # error of shooting, and of cycles in closed form
 
 
@@ -91,6 +93,15 @@ class Polishing:
         reason = f"shooting does not confirm the cycle; {stability.reason}"
         unknown = replace(stability, verdict="unknown", reason=reason)
         return finer.replace(stability=unknown, status=f"{finer.status}; shooting does not confirm it")
+
+    def is_near(self, cycle: Orbit, recurrence: Orbit) -> bool:
+        """Tell whether a cycle is the one that a motion comes to, of which a recurrence, of some periods, is known."""
+        times = max(1, round(cycle.omega / recurrence.omega))
+        advance = tuple(by / times for by in recurrence.advance)
+        once = recurrence.replace(omega=times * recurrence.omega, advance=advance)
+        if has_many_states(self.system):  # what hardly moves has not come to rest when the recurrence is taken
+            return peaks_near(cycle, once, AT_REST)
+        return alike(cycle, once, NEAR)
 
     def _checked(self, orbit: Orbit) -> Orbit:
         system = self.system

@@ -48,7 +48,7 @@ def across(here: Point, there: Point, found: Depths) -> Point | None:
             return across(turned, ahead, found)
         if i in there.closing.sequence.touching:
             return _lost(here, there, i)
-        return _exchanged(there, i) if 0 < i < S - 1 else None
+        return _exchanged(there, i) if 0 < i < S - 1 else None  # at an end of few phases a step was too long
     least = found.least[0].min()
     phase, k = (int(j) for j in np.unravel_index(np.argmin(found.least[0]), found.least[0].shape))
     return _touched(here, there, phase, k, float(found.share[0, phase, k])) if least < -ALLOWED else None

@@ -202,14 +202,9 @@ def states_after(
 
 
 def states_in_steps(system: System, x: Array, p: Array, h: float, count: int, rate: float) -> Array | None:
-    """Return what `states_after` does, by fixed steps of the classical Runge-Kutta method.
+    """Return what `states_after` does, by fixed Runge-Kutta steps, given about the fastest rate of the motion [1/s].
 
     None where that would take many steps, or where the motion leaves every bound, be it by the method.
-
-    Parameters
-    ----------
-    rate : float, 1/s
-        Largest modulus of the eigenvalues along the motion, roughly.
     """
     parts = max(1, int(np.ceil(h * rate / PART)))
     if parts > MOST_PARTS:
