@@ -77,6 +77,12 @@ def test_the_last_contact_is_lost_in_a_grazing(around_the_fold):
     assert "V = 90.973978" in str(end)
 
 
+def test_a_contact_at_the_beginning_of_the_period_takes_no_more_intervals(around_the_fold):
+    """Beside it is a tiny interval, whose round-off is no error; on the stable part it passes the beginning."""
+    intervals = np.array([len(orbit.motion.mesh) - 1 for orbit in around_the_fold.orbits])
+    assert intervals.max() < 1.6 * np.median(intervals)
+
+
 def test_fold_of_the_bogie_with_its_gradient(bogie, around_the_fold):
     near = around_the_fold.folds()[0]
     found, exact = (hb.fold(m.equations(bogie), near, "V") for m in (Collocation(), Exact()))
