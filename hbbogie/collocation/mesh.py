@@ -30,13 +30,12 @@ def equidistributed(mesh: Array, values: Array, N: int, kinks: NDArray[np.bool_]
     h, m = np.diff(mesh), values.shape[1] - 1
     leading = gauss(m).leading
     top = np.einsum("k,ikn->in", leading, values) / h[:, None] ** m
-    jumps: Array = np.abs(top - np.roll(top, 1, axis=0))
-    known: Array = np.ones(len(h))
-    noise: Array = np.zeros((len(h), 1))
-    if kinks is not None:  # contacts leave tiny intervals, in which the derivative is round-off
-        known, noise = 1.0 - kinks, ROUND_OFF * np.abs(leading).sum() / h[:, None] ** m
-        jumps = np.maximum(jumps - noise - np.roll(noise, 1, axis=0), 0.0)
-    jumps /= (0.5 * (h + np.roll(h, 1)))[:, None]
+    jumps = np.abs(top - np.roll(top, 1, axis=0))
+    known = np.ones(len(h)) if kinks is None else 1.0 - kinks
+    # contacts leave tiny intervals, in which the derivative is round-off
+    noise = (0.0 if kinks is None else ROUND_OFF) * np.abs(leading).sum() / h[:, None] ** m
+    jumps = np.maximum(jumps - noise - np.roll(noise, 1, axis=0), 0.0)
+    jumps = jumps / (0.5 * (h + np.roll(h, 1)))[:, None]
     sides = known + np.roll(known, -1)  # of each interval at which the jump tells the error
     both = known[:, None] * jumps + np.roll(known[:, None] * jumps, -1, axis=0)
     size = (both / np.maximum(sides, 1.0)[:, None]).max(axis=1)
