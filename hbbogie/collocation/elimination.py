@@ -212,9 +212,13 @@ def reduced(W: Array, H: Array, border: Array, corner: Array) -> Reduced:
     levels: list[Composed | Orthogonal] = []
     n = W.shape[1]
     WH, corner = np.concatenate([W, H], axis=2), corner.copy()
-    while len(WH) > 1 and (found := _composed(WH, border, corner)):
-        level, WH, border = found
-        levels.append(level)
+    sizes = sorted({2, max(WIDTH // n, 2)}, reverse=True)  # of groups; the larger until something grows over them
+    while len(WH) > 1 and sizes:
+        if found := _composed(WH, border, corner, min(sizes[0], len(WH))):
+            level, WH, border = found
+            levels.append(level)
+        else:
+            del sizes[0]
     C, D, G = -WH[..., :n], np.broadcast_to(np.eye(n), (len(WH), n, n)), WH[..., n:]
     while len(C) > 1:
         factored, C, D, G, border = _factored(C, D, G, border, corner)
@@ -222,16 +226,10 @@ def reduced(W: Array, H: Array, border: Array, corner: Array) -> Reduced:
     return Reduced(levels, C[0], D[0], G[0], np.concatenate([border[0], corner], axis=1))
 
 
-def _group(N: int, n: int) -> tuple[int, int]:
-    """Return how many of N intervals make a group, and the number of groups."""
-    g = min(max(WIDTH // n, 2), N)
-    return g, N // g
-
-
-def _composed(WH: Array, border: Array, corner: Array) -> tuple[Composed, Array, Array] | None:
-    """Compose neighbours; None where something grows by too much. The corner is changed in place."""
+def _composed(WH: Array, border: Array, corner: Array, g: int) -> tuple[Composed, Array, Array] | None:
+    """Compose g neighbours each; None where something grows by too much. The corner is changed in place."""
     N, n = WH.shape[:2]
-    g, K = _group(N, n)
+    K = N // g
     used = K * g
     W = WH[:used, :, :n].reshape(K, g, n, n)
     growth = np.abs(W).sum(axis=3).max(axis=2)  # of the largest scaled state
@@ -259,7 +257,8 @@ def _factored(
 ) -> tuple[Orthogonal, Array, Array, Array, Array]:
     """Factor neighbours by QR. The corner is changed in place."""
     N, n = C.shape[:2]
-    g, K = _group(N, n)
+    g = min(max(WIDTH // n, 2), N)
+    K = N // g
     inside, used = (g - 1) * n, K * g
     first, last = slice(0, used, g), slice(g - 1, used, g)
     M, rows = np.zeros((K, g, n, g - 1, n)), np.zeros((K, g, n, 2 * n + 3))

@@ -146,7 +146,7 @@ class OnMesh:
         shape, h = stages.shape, np.diff(self.mesh)[:, None, None] * T
         f = h * (f / self.size).reshape(shape)
         slope = h * (slope * (self.width / self.size)).reshape(shape)
-        A = h[..., None] * (A * self.size / self.size[:, None]).reshape(*shape, self.n)
+        A = A.reshape(*shape, self.n) * (h[..., None] * (self.size / self.size[:, None]))
         ahead = g.a @ f
         x, X = states / self.size, stages / self.size
         end = np.roll(x, -1, axis=0)
@@ -247,9 +247,10 @@ class Linearised:
         S = np.diagonal(self.A[:, 0, :k, k:], axis1=1, axis2=2)[:, None, :, None]  # of positions by velocities
         to_q, to_v = self.A[..., k:, :k], self.A[..., k:, k:]
         twice = (a[:, None] * a.T).reshape(m * m, m)  # from stage l by each stage to j
-        M = (twice @ to_q.reshape(N, m, k * k)).reshape(N, m, m, k, k) * S[..., 0][:, None, None]
-        M += a[None, :, :, None, None] * to_v[:, None]
-        M = -M.swapaxes(2, 3).reshape(N, m * k, m * k)
+        through_q = twice @ (to_q * S[:, :, None, :, 0]).reshape(N, m, k * k)
+        M = -a[:, None, :, None] * to_v.swapaxes(1, 2)[:, None]
+        M -= through_q.reshape(N, m, m, k, k).swapaxes(2, 3)
+        M = M.reshape(N, m * k, m * k)
         each = np.arange(m * k)
         M[:, each, each] += 1
         forced = (to_q @ right[:, :, :k]).reshape(N, m, k * width)

@@ -85,6 +85,12 @@ def test_grazings_are_those_of_the_exact_branch(bogie, cycles_at_90, around_the_
     assert truth[0] == pytest.approx(88.76994, abs=5e-6)
 
 
+def test_a_contact_at_the_beginning_of_the_period_takes_no_more_intervals(around_the_fold):
+    """Beside it is a tiny interval, whose round-off is no error; on the stable part it passes the beginning."""
+    intervals = np.array([len(orbit.motion.mesh) - 1 for orbit in around_the_fold.orbits])
+    assert intervals.max() < 1.6 * np.median(intervals)
+
+
 def test_fold_of_the_bogie_with_its_gradient(bogie, around_the_fold):
     near = around_the_fold.folds()[0]
     assert near.value == pytest.approx(88.7641131943, abs=1e-9)
