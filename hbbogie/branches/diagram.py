@@ -151,7 +151,7 @@ def bifurcation_diagram(
     if changes and not _holds_family(traced, interval, system.values[parameter]):
         said = [f"Where {H} harmonics do not resolve the cycles the branches go on by collocation."]
         about = replace(about, changing=H)
-        traced = traced if stability else about.traced(H, False, notes)
+        traced = traced if stability else about.through(cycles or (), about.traced(H, False, notes), H, False, notes)
     notes += said
     if _holds_family(traced, interval, system.values[parameter]):
         cycles = []  # what was found is but one of the family
@@ -212,7 +212,8 @@ class _About:
 
         options: dict[str, Any] = {"max_points": self.max_points, "stability": stability, "progress": say}
         try:
-            if self.changing and isinstance(equations, Equations):
+            begins = isinstance(start, SpecialPoint) and start.onward is not None  # its harmonics are others
+            if self.changing and isinstance(equations, Equations) and not begins:
                 return [Changing(self.system, self.parameter, self.interval, self.changing, **options).trace(start)]
             return [trace(equations, start, self.parameter, self.interval, **options)]
         except FAILURES as error:
@@ -233,7 +234,7 @@ class _About:
         equations, found = HarmonicBalance(H).equations(self.system), list(known)
         inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
         for cycle in cycles if inside else ():
-            if not any(_passes(equations, b, cycle) for b in found):
+            if not any(_near(b, cycle) if self.changing else _passes(equations, b, cycle) for b in found):
                 found += self.one(equations, cycle, stability, notes)
         return found
 
