@@ -1,3 +1,4 @@
+from .changing import Changing as Changing
 from .closed_form import exact_branch as exact_branch
 from .closed_form import exact_crossings as exact_crossings
 from .closed_form import exact_walk as exact_walk

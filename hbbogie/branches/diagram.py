@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from hbbogie.branches.changing import Changing
 from hbbogie.branches.choice import chosen_methods, equations_of
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import crossings, is_family
@@ -100,8 +101,9 @@ def bifurcation_diagram(
     interval : (float, float), unit of the parameter
     method : {"mhb", "auto", "exact", "collocation"}
         "exact" follows the branches in closed form and "collocation" as piecewise polynomials, without the families of
-        conservative systems. "auto" is "exact" where the system is linear
-        between switchings, else "mhb".
+        conservative systems. "auto" is "exact" where the system is linear between switchings, else "mhb"; of a smooth
+        system whose cycles 63 harmonics do not resolve a branch changes over to collocation there, and back: the
+        ``method`` of its orbits says where.
     harmonics : int or "auto"
         Highest harmonic of "mhb". "auto" begins with 15 and doubles, up to 127, until the error estimate by shooting of
         the least resolved cycle on every branch meets the tolerance; the notes say what it took.
@@ -123,14 +125,16 @@ def bifurcation_diagram(
     """
     interval = check_interval(system, parameter, interval)
     given = None if harmonics == "auto" else harmonics
-    method = chosen_methods("bifurcation_diagram", system, method, given, along=parameter)[0]
+    method, *others = chosen_methods("bifurcation_diagram", system, method, given, along=parameter)
+    changes = method == "mhb" and "collocation" in others
     progress("looking for Hopf points", None)
     hopf = hopf_points(system, parameter, interval)
     about = _About(system, parameter, interval, hopf, whole("bifurcation_diagram: max_points", max_points, 2), progress)
     if method != "mhb":
         return about.by(method, stability)
     cycles: list[Orbit] | None = None
-    for H in ORDERS if harmonics == "auto" else (int(harmonics),):
+    orders = ORDERS[:-1] if changes else ORDERS  # with more of them collocation takes less
+    for H in orders if harmonics == "auto" else (int(harmonics),):
         notes, said = list[str](), list[str]()
         progress(f"branches with harmonics up to {H}", None)
         traced = about.traced(H, False, notes)
@@ -143,6 +147,11 @@ def bifurcation_diagram(
         error, said = estimate(system, [b for b in traced if not is_family(b, interval)], H, tolerance)
         if error <= tolerance or time_is_over():
             break
+    changes = changes and harmonics == "auto" and error > tolerance
+    if changes and not _holds_family(traced, interval, system.values[parameter]):
+        said = [f"Where {H} harmonics do not resolve the cycles the branches go on by collocation."]
+        about = replace(about, changing=H)
+        traced = traced if stability else about.through(cycles or (), about.traced(H, False, notes), H, False, notes)
     notes += said
     if _holds_family(traced, interval, system.values[parameter]):
         cycles = []  # what was found is but one of the family
@@ -166,6 +175,7 @@ class _About:
     hopf: list[SpecialPoint]
     max_points: int
     progress: Progress
+    changing: int = 0  # harmonics from which branches change over to collocation; none where they do not
 
     def by(self, method: str, stability: bool) -> Diagram:
         """Return the branches in closed form, or by collocation."""
@@ -202,6 +212,9 @@ class _About:
 
         options: dict[str, Any] = {"max_points": self.max_points, "stability": stability, "progress": say}
         try:
+            begins = isinstance(start, SpecialPoint) and start.onward is not None  # its harmonics are others
+            if self.changing and isinstance(equations, Equations) and not begins:
+                return [Changing(self.system, self.parameter, self.interval, self.changing, **options).trace(start)]
             return [trace(equations, start, self.parameter, self.interval, **options)]
         except FAILURES as error:
             place = start.value if isinstance(start, SpecialPoint) else start.parameters[self.parameter]
@@ -221,7 +234,7 @@ class _About:
         equations, found = HarmonicBalance(H).equations(self.system), list(known)
         inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
         for cycle in cycles if inside else ():
-            if not any(_passes(equations, b, cycle) for b in found):
+            if not any(_near(b, cycle) if self.changing else _passes(equations, b, cycle) for b in found):
                 found += self.one(equations, cycle, stability, notes)
         return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from hbbogie.collocation.folding import Fold, fold_from, fold_gradient
 from hbbogie.collocation.multipliers import TRUSTED
 from hbbogie.collocation.rates import Rates
 from hbbogie.collocation.solving import ADAPTIONS, FIRST, SHRUNK, Guess, finished, on_mesh
+from hbbogie.results.branch import SpecialPoint
 from hbbogie.solving.arclength import located, product
 from hbbogie.solving.curve import Point
 from hbbogie.stability.crossing import description
@@ -26,6 +28,9 @@ Array = NDArray[np.float64]
 LOCATED = 1e-2  # share to which a test function has fallen where it is located, else it jumps
 FLAT = 1e-9  # size of a test function that is round-off
 KINDS = ("fold", "branch point", "period doubling", "Neimark-Sacker", "grazing")
+
+
+Some = TypeVar("Some", "Special", SpecialPoint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +119,28 @@ def special_between(points: list[Placed], kinds: tuple[str, ...]) -> list[Specia
     return found
 
 
-def turning(found: list[Special], values: Array, noise: float) -> list[Special]:
-    """Return the special points without folds between which the parameter varies by no more than its error."""
-    while folds := [s for s in found if s.kind == "fold"]:
-        ends = [values[0], *(s.value for s in folds), values[-1]]
-        rises = np.abs(np.diff(np.array(ends, dtype=float)))
-        i = int(np.argmin(rises))
-        if rises[i] > noise:
-            break
-        false = [id(s) for s in folds[max(i - 1, 0) : i + 1]]
-        found = [s for s in found if id(s) not in false]
-    return found
+def turning(found: list[Some], values: Array, noise: float) -> list[Some]:
+    """Return the special points without folds between which the parameter varies by no more than its error.
+
+    Of several together, as where a branch of canards is steep to round-off, one is kept where the parameter turns.
+    """
+    folds = sorted((i for i, s in enumerate(found) if s.kind == "fold"))
+    groups: list[list[int]] = []
+    for i in folds:
+        if groups and abs(found[groups[-1][-1]].value - found[i].value) <= noise:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    means: list[float] = [float(np.mean([found[i].value for i in group])) for group in groups]
+    ends: list[float] = [float(values[0]), *means, float(values[-1])]
+    kept = set[int]()
+    for group, before, here, after in zip(groups, ends, ends[1:], ends[2:], strict=False):
+        rises = here - before, here - after
+        if min(map(abs, rises)) <= noise or (len(group) > 1 and rises[0] * rises[1] < 0):
+            continue
+        extremum = "maximum" if rises[1] > 0 else "minimum"
+        kept.add(max(group, key=lambda i: (found[i].extremum == extremum, np.sign(rises[1]) * found[i].value)))
+    return [s for i, s in enumerate(found) if s.kind != "fold" or i in kept]
 
 
 def _located(kind: str, a: Placed, b: Placed, size: float) -> Special | None:

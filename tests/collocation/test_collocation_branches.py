@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import numpy as np
 import pytest
 from known_cycles import lure
@@ -9,6 +11,7 @@ from smooth_systems import brusselator, fitzhugh_nagumo, hodgkin_huxley, lorenz,
 
 import hbbogie as hb
 from hbbogie import Collocation, HarmonicBalance, ModelError, load_problem
+from hbbogie.branches import Changing, bifurcation_diagram
 from hbbogie.collocation import Rates, collocated, follow, from_motion
 
 
@@ -175,6 +178,33 @@ def test_folds_are_those_of_harmonic_balance_in_all_parameters(name, start, span
         assert set(found.gradient) == set(truth.gradient)
         for key, slope in truth.gradient.items():
             assert found.gradient[key] == pytest.approx(slope, abs=1e-7 * size)
+
+
+@pytest.mark.parametrize("harmonics", [31, 63])
+def test_a_branch_changes_over_to_collocation_and_back(harmonics):
+    """The canards on both sides take collocation; the folds are mirror images, v and w mirrored at I = 0.875."""
+    system, span = fitzhugh_nagumo(), (0.2, 1.6)
+    hopf, *_ = hb.hopf_points(system, "I", span)
+    branch = Changing(system, "I", span, harmonics, stability=False).trace(hopf)
+    methods = [name for name, _ in groupby(orbit.method.split(",")[0] for orbit in branch.orbits)]
+    assert methods[:3] == ["harmonic balance", "collocation", "harmonic balance"] == methods[-3:]
+    assert [s.value for s in branch.folds()] == pytest.approx([0.3241785225, 2 * 0.875 - 0.3241785225], abs=1e-9)
+    assert [end.kind for end in branch.ends] == ["began", "vanishes"]
+
+
+def test_a_diagram_by_itself_changes_over(tmp_path):
+    """Van der Pol's oscillator at mu = 40, where 63 harmonics do not do."""
+    system = load_problem("van_der_pol").van_der_pol(mu=1.0)
+    found = bifurcation_diagram(system, "mu", (-0.5, 40.0), method="auto", stability=False)
+    (branch,) = found.branches.values()
+    assert branch.orbits[0].method.startswith("harmonic") and branch.orbits[-1].method.startswith("collocation")
+    assert any("go on by collocation" in note for note in found.notes)
+    near = branch.orbits[-1]
+    assert near.parameters["mu"] == pytest.approx(40.0)
+    truth = collocated(system.with_parameters(mu=40.0), from_motion(system.with_parameters(mu=40.0), [2.0, 0.0]))
+    assert near.period == pytest.approx(truth.period, rel=1e-8)
+    branch.save(tmp_path / "branch.nc")  # cycles of both forms in one file
+    assert hb.Branch.load(tmp_path / "branch.nc").orbits[-1].period == near.period
 
 
 def test_compare():

@@ -83,6 +83,8 @@ def test_a_method_by_its_name(tmp_path):
     cycles = document(call("cycles", "bautin", "--method", "collocation", "--json"))["data"]["cycles"]
     assert all(c["method"].startswith("collocation") for c in cycles)
     assert [c["period_s"] for c in cycles] == pytest.approx([2 * np.pi] * 2, rel=1e-9)
+    stiff = call("cycles", "van_der_pol", "--set", "mu=1000", "--method", "collocation", "--json")
+    assert document(stiff)["data"]["cycles"][0]["period_s"] == pytest.approx(1614.401126, abs=5e-7)
 
 
 def test_cycles_as_a_table_and_files(tmp_path):
