@@ -41,7 +41,7 @@ motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from types import SimpleNamespace
@@ -52,9 +52,8 @@ import numpy as np
 import hbbogie as hb
 from hbbogie import Branch, Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Saturation
-from hbbogie.motion import moving_groups
 from hbbogie.railway import LinearKalker, ShenHedrickElkins, derailment_quotient, frame_acceleration, guiding_forces
-from hbbogie.reports import Report, Table, draw
+from hbbogie.reports import Report, Table, by_mode, draw
 from hbbogie.results import Critical
 
 CREEP = ("she", "linear")
@@ -319,23 +318,33 @@ def study(system: System, progress: Callable[[str, float | None], None]) -> Repo
     """Return the critical speeds, and the branch of each attractor with the stability of its cycles."""
     progress("critical speeds", None)
     found = hb.critical_speeds(system, PARAMETER, RANGE)
-    lowest: dict[str, Critical] = {}
-    for one in found:
-        if one.extremum == "minimum":
-            lowest.setdefault(moving_groups(system, one.orbit) or "all", one)
     branches = {}
-    for i, (moves, fold) in enumerate(lowest.items()):
-        progress(f"branch of the attractor: {moves}", i / len(lowest))
-        branches[moves] = _judged(system, _through(system, fold))
-    rows = [(c.kind, c.value, c.error, c.omega, moving_groups(system, c.orbit)) for c in found]
+    for i, (moves, fold) in enumerate(found.lowest.items()):
+        progress(f"branch of the attractor: {moves or 'all'}", i / len(found.lowest))
+        branch = _followed(found.branches, fold) or _through(system, fold)
+        branches[moves or "all"] = _judged(system, branch)
+    rows = [(c.kind, c.value, c.error, c.omega, c.moves) for c in found]
     columns = ("kind", "V [m/s]", "error from harmonics, at most [m/s]", "omega [rad/s]", "moves")
     table = Table("critical", "Critical speeds", columns, tuple(rows), ("", ".8g", ".1e", ".7g", ""))
     shown = [q for q in ("y1", "y3") if q in system.coordinate_names]
-    options = {"labels": list(branches), "parameter_label": "speed V [m/s]"}
-    figures = {f"attractors_{q}": partial(draw, "branch", list(branches.values()), y=q, **options) for q in shown}
+    parts, modes = by_mode(system, list(branches.values()))
+    options = {"labels": modes, "parameter_label": "speed V [m/s]", "special": [p for b in parts for p in b.special]}
+    figures = {f"attractors_{q}": partial(draw, "branch", parts, y=q, **options) for q in shown}
     notes = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*found.evidence, *found.undecided)]
     named = {moves.replace(" ", "_"): branch for moves, branch in branches.items()}
     return Report(system.name, (table,), named, figures if branches else {}, tuple(notes))
+
+
+def _followed(branches: Sequence[Branch], fold: Critical) -> Branch | None:
+    """Return the branch of a fold as the search followed it, where it did so over the whole range."""
+    for branch in branches:
+        near = [
+            s for s in branch.folds() if abs(s.value / fold.value - 1) < 5e-3 and abs(s.omega / fold.omega - 1) < 0.01
+        ]
+        if near and branch.values.max() >= RANGE[1]:
+            (first, *_) = (part for part in branch.between(*RANGE) if near[0] in part.special)
+            return first
+    return None
 
 
 def _through(system: System, fold: Critical) -> Branch:
