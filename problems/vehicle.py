@@ -321,29 +321,29 @@ def study(system: System, progress: Callable[[str, float | None], None]) -> Repo
     branches = {}
     for i, (moves, fold) in enumerate(found.lowest.items()):
         progress(f"branch of the attractor: {moves or 'all'}", i / len(found.lowest))
-        branch = _followed(found.branches, fold) or _through(system, fold)
+        branch = _followed(system, found.branches, fold) or _through(system, fold)
         branches[moves or "all"] = _judged(system, branch)
     rows = [(c.kind, c.value, c.error, c.omega, c.moves) for c in found]
     columns = ("kind", "V [m/s]", "error from harmonics, at most [m/s]", "omega [rad/s]", "moves")
     table = Table("critical", "Critical speeds", columns, tuple(rows), ("", ".8g", ".1e", ".7g", ""))
     shown = [q for q in ("y1", "y3") if q in system.coordinate_names]
     parts, modes = by_mode(system, list(branches.values()))
-    options = {"labels": modes, "parameter_label": "speed V [m/s]", "special": [p for b in parts for p in b.special]}
+    options = {"labels": modes, "parameter_label": "speed V [m/s]"}
     figures = {f"attractors_{q}": partial(draw, "branch", parts, y=q, **options) for q in shown}
     notes = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*found.evidence, *found.undecided)]
     named = {moves.replace(" ", "_"): branch for moves, branch in branches.items()}
     return Report(system.name, (table,), named, figures if branches else {}, tuple(notes))
 
 
-def _followed(branches: Sequence[Branch], fold: Critical) -> Branch | None:
-    """Return the branch of a fold as the search followed it, where it did so over the whole range."""
+def _followed(system: System, branches: Sequence[Branch], fold: Critical) -> Branch | None:
+    """Return the branch of a fold as the search followed it, where it did so beyond the range: up to its end."""
     for branch in branches:
-        near = [
-            s for s in branch.folds() if abs(s.value / fold.value - 1) < 5e-3 and abs(s.omega / fold.omega - 1) < 0.01
-        ]
-        if near and branch.values.max() >= RANGE[1]:
-            (first, *_) = (part for part in branch.between(*RANGE) if near[0] in part.special)
-            return first
+        at, last = (fold.value, fold.omega), float(branch.values[-1])
+        near = [s for s in branch.folds() if np.allclose((s.value, s.omega), at, rtol=5e-3, atol=0.0)]
+        if near and last > RANGE[1]:
+            inside = next(part for part in branch.between(*RANGE) if near[0] in part.special)
+            ends = hb.branches.crossings(hb.HarmonicBalance(HARMONICS).equations(system), branch, RANGE[1])
+            return inside.with_orbits([*inside.orbits, *ends]) if len(ends) == 1 else None
     return None
 
 
@@ -363,12 +363,15 @@ def _judged(system: System, branch: Branch) -> Branch:
     curve = np.array([branch.values, *(branch.amplitude(q) for q in ("y1", "y3") if q in system.coordinate_names)])
     steps = np.linalg.norm(np.diff(curve / np.ptp(curve, axis=1, keepdims=True)), axis=0)
     way = np.append(0.0, np.cumsum(steps))
-    places = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], JUDGED)))
+    spread = np.searchsorted(way, np.linspace(0.0, way[-1], JUDGED))
+    folds = {branch.place(point) for point in branch.folds()}
     judged = []
-    for orbit in (branch.orbits[i] for i in places):
+    for i in sorted({*map(int, spread), *folds}):
+        orbit = branch.orbits[i]
         try:
             cycle = hb.solve(fine, orbit, method="newton", V=orbit.parameters["V"])
-        except hb.ConvergenceError:  # beside a fold, which lies elsewhere with more harmonics
+        except hb.ConvergenceError:  # at a fold, or beside it: which lies elsewhere with more harmonics
+            judged += [orbit] if i in folds else []
             continue
         judged.append(cycle.replace(stability=hb.floquet(system, cycle)))
     return branch.with_orbits(judged)
