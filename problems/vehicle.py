@@ -41,7 +41,7 @@ motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from types import SimpleNamespace
@@ -52,9 +52,8 @@ import numpy as np
 import hbbogie as hb
 from hbbogie import Branch, Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Saturation
-from hbbogie.motion import moving_groups
 from hbbogie.railway import LinearKalker, ShenHedrickElkins, derailment_quotient, frame_acceleration, guiding_forces
-from hbbogie.reports import Report, Table, draw
+from hbbogie.reports import Report, Table, by_mode, draw
 from hbbogie.results import Critical
 
 CREEP = ("she", "linear")
@@ -319,23 +318,33 @@ def study(system: System, progress: Callable[[str, float | None], None]) -> Repo
     """Return the critical speeds, and the branch of each attractor with the stability of its cycles."""
     progress("critical speeds", None)
     found = hb.critical_speeds(system, PARAMETER, RANGE)
-    lowest: dict[str, Critical] = {}
-    for one in found:
-        if one.extremum == "minimum":
-            lowest.setdefault(moving_groups(system, one.orbit) or "all", one)
     branches = {}
-    for i, (moves, fold) in enumerate(lowest.items()):
-        progress(f"branch of the attractor: {moves}", i / len(lowest))
-        branches[moves] = _judged(system, _through(system, fold))
-    rows = [(c.kind, c.value, c.error, c.omega, moving_groups(system, c.orbit)) for c in found]
+    for i, (moves, fold) in enumerate(found.lowest.items()):
+        progress(f"branch of the attractor: {moves or 'all'}", i / len(found.lowest))
+        branch = _followed(system, found.branches, fold) or _through(system, fold)
+        branches[moves or "all"] = _judged(system, branch)
+    rows = [(c.kind, c.value, c.error, c.omega, c.moves) for c in found]
     columns = ("kind", "V [m/s]", "error from harmonics, at most [m/s]", "omega [rad/s]", "moves")
     table = Table("critical", "Critical speeds", columns, tuple(rows), ("", ".8g", ".1e", ".7g", ""))
     shown = [q for q in ("y1", "y3") if q in system.coordinate_names]
-    options = {"labels": list(branches), "parameter_label": "speed V [m/s]"}
-    figures = {f"attractors_{q}": partial(draw, "branch", list(branches.values()), y=q, **options) for q in shown}
+    parts, modes = by_mode(system, list(branches.values()))
+    options = {"labels": modes, "parameter_label": "speed V [m/s]"}
+    figures = {f"attractors_{q}": partial(draw, "branch", parts, y=q, **options) for q in shown}
     notes = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*found.evidence, *found.undecided)]
     named = {moves.replace(" ", "_"): branch for moves, branch in branches.items()}
     return Report(system.name, (table,), named, figures if branches else {}, tuple(notes))
+
+
+def _followed(system: System, branches: Sequence[Branch], fold: Critical) -> Branch | None:
+    """Return the branch of a fold as the search followed it, where it did so beyond the range: up to its end."""
+    for branch in branches:
+        at, last = (fold.value, fold.omega), float(branch.values[-1])
+        near = [s for s in branch.folds() if np.allclose((s.value, s.omega), at, rtol=5e-3, atol=0.0)]
+        if near and last > RANGE[1]:
+            inside = next(part for part in branch.between(*RANGE) if near[0] in part.special)
+            ends = hb.branches.crossings(hb.HarmonicBalance(HARMONICS).equations(system), branch, RANGE[1])
+            return inside.with_orbits([*inside.orbits, *ends]) if len(ends) == 1 else None
+    return None
 
 
 def _through(system: System, fold: Critical) -> Branch:
@@ -354,12 +363,15 @@ def _judged(system: System, branch: Branch) -> Branch:
     curve = np.array([branch.values, *(branch.amplitude(q) for q in ("y1", "y3") if q in system.coordinate_names)])
     steps = np.linalg.norm(np.diff(curve / np.ptp(curve, axis=1, keepdims=True)), axis=0)
     way = np.append(0.0, np.cumsum(steps))
-    places = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], JUDGED)))
+    spread = np.searchsorted(way, np.linspace(0.0, way[-1], JUDGED))
+    folds = {branch.place(point) for point in branch.folds()}
     judged = []
-    for orbit in (branch.orbits[i] for i in places):
+    for i in sorted({*map(int, spread), *folds}):
+        orbit = branch.orbits[i]
         try:
             cycle = hb.solve(fine, orbit, method="newton", V=orbit.parameters["V"])
-        except hb.ConvergenceError:  # beside a fold, which lies elsewhere with more harmonics
+        except hb.ConvergenceError:  # at a fold, or beside it: which lies elsewhere with more harmonics
+            judged += [orbit] if i in folds else []
             continue
         judged.append(cycle.replace(stability=hb.floquet(system, cycle)))
     return branch.with_orbits(judged)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hbbogie.attraction.endings import Ends, Place, decide, place_of, states_of, steps_for
+from hbbogie.branches.comparison import shown_coordinates
 from hbbogie.branches.crossing import branches_from_hopf, crossings
 from hbbogie.branches.judging import stability_of
 from hbbogie.branches.same import once_each
@@ -190,7 +191,7 @@ def check(
     if int(workers) != workers or workers < 1:
         raise ModelError(f"workers: got {workers!r}; give a whole number of processes, 1 or more.")
     if along is None:
-        return (system.nonlinear_coordinates or system.coordinate_names)[0], None
+        return shown_coordinates(system)[0], None
     start = initial_state(system, along)[1]
     moved = [key for key in along if key in system.coordinate_names and along[key] != 0]
     if not moved:

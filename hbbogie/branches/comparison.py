@@ -201,11 +201,11 @@ def compare(
     for i, value in enumerate(chosen):
         progress(f"cycles at {name} = {value:g}", 0.5 + i / (2 * len(chosen)))
         rows += _compared(followed, truth, float(value))
-    compared = _compared_coordinates(system)
+    compared = shown_coordinates(system)
     return Comparison(name, system.parameter(name).unit, compared, followed, truth, tuple(rows), left_out)
 
 
-def _compared_coordinates(system: System) -> tuple[str, ...]:
+def shown_coordinates(system: System) -> tuple[str, ...]:
     """Return the coordinates on which elements act; all that enter nonlinearly, or the first, where there are none."""
     q, v, _, p = system.dynamics.symbols()
     arguments = [element.argument(q, v, p) for element in system.elements]

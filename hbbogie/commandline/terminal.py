@@ -161,7 +161,8 @@ def progress_shown() -> Iterator[Callable[[str, float | None], None]]:
                 measured = fraction is not None
                 bar.remove_task(task)
                 task = bar.add_task(message, total=1.0 if measured else None)
-            bar.update(task, description=message, completed=fraction)
+            percent = "" if fraction is None else f", {100 * fraction:.0f} %"
+            bar.update(task, description=f"{message}{percent}", completed=fraction)
 
         yield show
 

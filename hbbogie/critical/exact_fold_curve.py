@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 class ExactFoldCurve:
-    """The folds of exact cycles over two parameters, as a curve in one sequence of contacts (eq-exact-fold).
+    """The folds of exact cycles over two parameters, as a curve in one sequence of contacts (eq-fold-curve).
 
     The unknowns are omega, both parameters, and those of the cycle. The equations are those of the cycle, the condition
     of a fold with null vectors of the last point as its border, and that of omega.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lu_factor, lu_solve
 
 from hbbogie.branches.continuation import trace
 from hbbogie.branches.fold_error import doubt_on_branch
@@ -22,17 +23,17 @@ from hbbogie.solving.solvers import solve
 
 Array = NDArray[np.float64]
 SMALLEST = 1e-3  # first-harmonic amplitude, in units of its scale, at which a curve ends
-LINEAR = 1e-12  # bend, in units of the largest second derivative, at which the cycles are those of a linear system
+LINEAR = 1e-12  # bend, in units of the largest second derivative beside it, at which the cycles are linear ones
 LEAPS = (1e-3, 1e-2)  # distances beyond a grazing contact at which the curve is taken up again, of the chart's width
 ASTRAY = 0.2  # distance from the expected value, in units of the leap, up to which a fold is one of the same curve
-NEAR = 3e-3  # scaled distance up to which second derivatives serve to correct a point
 VICINITY = 0.1  # of the chart's height: where the fold is looked for there
 
 
 class FoldCurve:
     """The folds of the equations over two parameters, as a curve (eq-fold-curve).
 
-    The unknowns are those of the cycle, both parameters and the left null vector of the derivative in the former.
+    The unknowns are those of the cycle and both parameters. The condition of a fold follows from a bordered system; its
+    derivative takes one product with the second derivatives.
 
     Parameters
     ----------
@@ -64,42 +65,36 @@ class FoldCurve:
         self.m = equations.size
         m, self.rows = self.m, equations.residual_scale
         self.size = np.concatenate([equations.scale, [(high - low) / 4 for low, high in (span, interval)]])
-        self.scale = np.concatenate([self.size, np.ones(m)])
-        # the null vector follows from the rest, and does not count as distance
-        self.weights = np.concatenate([np.ones(m + 2), np.zeros(m)])
+        self.scale, self.weights = self.size, np.ones(m + 2)
         self.window = {m: span, m + 1: interval}
-        self._second = equations.hessian(places)
-        self.normal = np.ones(m)
-        self._kept: tuple[Array, Array] | None = None  # unknowns, and second derivatives there
+        self._second = equations.hessian_times(places)
+        self.border = np.zeros(m), np.zeros(m)  # right and left null vector of the last point
         self._states: dict[bytes, FoldState] = {}
 
     def linearise(self, u: Array) -> Dense:
         """Return the equations and their derivative."""
-        m, psi = self.m, u[self.m + 2 :]
-        F, J, H = self._derivatives(u, NEAR)
-        G = np.concatenate([F, psi @ J[:, :m], [self.normal @ psi - 1]])
-        D = np.zeros((2 * m + 1, 2 * m + 2))
-        D[:m, : m + 2], D[m : 2 * m, : m + 2], D[m : 2 * m, m + 2 :], D[2 * m, m + 2 :] = (
-            J,
-            H[:m],
-            J[:, :m].T,
-            self.normal,
-        )
-        return Dense(G, D)
+        F, J = self._derivatives(u)
+        g, v, w = self._bordered(J)
+        return Dense(np.append(F, g), np.vstack([J, -self._curvature(u, v, w)]))
 
-    def _derivatives(self, u: Array, near: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return F, its derivative and the second derivative of psi . F, all scaled.
+    def _derivatives(self, u: Array) -> tuple[Array, Array]:
+        """Return F and its derivative, both scaled."""
+        F, J = self.problem.evaluate(u)
+        return F / self.rows, J / self.rows[:, None] * self.size
 
-        The last costs twenty times as much as the others. It may be that of a place up to a distance away: corrections
-        of points with it converge as well.
-        """
-        y, psi = u[: self.m + 2], u[self.m + 2 :]
-        F, J = self.problem.evaluate(y)
-        scaled = F / self.rows, J / self.rows[:, None] * self.size
-        if self._kept is None or np.abs((u - self._kept[0]) / self.scale).max() > near:
-            H = self._second(y[: self.m], self.problem.parameters(y), psi / self.rows).full()
-            self._kept = u.copy(), H * np.outer(self.size, self.size)
-        return *scaled, self._kept[1]
+    def _bordered(self, J: Array) -> tuple[float, Array, Array]:
+        """Return the condition of a fold, g = 0, and the right and the left null vector."""
+        m, (v, w) = self.m, self.border
+        factors = lu_factor(np.block([[J[:, :m], w[:, None]], [v, np.zeros(1)]]), check_finite=False)
+        last = np.append(np.zeros(m), 1.0)
+        right, left = (lu_solve(factors, last, trans=trans, check_finite=False) for trans in (0, 1))
+        return float(right[m]), right[:m], left[:m]
+
+    def _curvature(self, u: Array, v: Array, w: Array) -> Array:
+        """Return the second derivative of w . F, scaled, times v, in all unknowns."""
+        z, p = u[: self.m], self.problem.parameters(u)
+        along = self.size * np.append(v, [0.0, 0.0])
+        return np.asarray(self._second(z, p, w / self.rows, along).full().ravel() * self.size)
 
     def doubt(self, point: Point) -> str:
         """Return why the cycle at a point is not resolved; empty where it is."""
@@ -109,23 +104,23 @@ class FoldCurve:
         return doubt_on_branch(self.equations.system.with_parameters(**orbit.parameters), special)
 
     def settle(self, u: Array) -> None:
-        """Normalise the null vector by its value here."""
-        psi = u[self.m + 2 :]
-        self.normal = psi / (psi @ psi)
+        """Take the null vectors here as the border of those near by."""
+        _, v, w = self._bordered(self._derivatives(u)[1])
+        self.border = v / np.linalg.norm(v), w / np.linalg.norm(w)
 
     def leaves(self, points: Sequence[Point], there: Point) -> Ending | None:
         """Return why the curve ends before a point, or None."""
         return self._end(there.u)
 
     def _end(self, u: Array) -> Ending | None:
-        y, leading = u[: self.m + 2].copy(), self.equations.leading
+        y, leading = u.copy(), self.equations.leading
         y[leading] -= SMALLEST * self.size[leading]
         met = self.problem.violated(y)
         if any(bound.place == leading and bound.side == "lower" for bound in met):
             return Ending("vanishes", f"the cycle shrinks to the equilibrium near {self.where(u)}")
         if met:
             return Ending("bound", f"a bound was reached near {self.where(u)}: {', '.join(map(str, met))}")
-        linear = abs(self._state_at(u).bend) <= LINEAR * float(np.abs(self._derivatives(u)[2]).max())
+        linear = self._state_at(u).linear
         return Ending("contact", f"the cycle no longer reaches a contact near {self.where(u)}") if linear else None
 
     def at(self, index: int, value: float) -> Ending:
@@ -144,10 +139,9 @@ class FoldCurve:
         ConvergenceError
             When it is not found.
         """
-        y = np.concatenate([self.equations.encode(orbit), [orbit.parameters[n] for n in self.names]])
-        J = self.problem.evaluate(y)[1] / self.rows[:, None] * self.size
-        u = np.concatenate([y, np.linalg.svd(J[:, : self.m])[0][:, -1]])
-        self.settle(u)
+        u = np.concatenate([self.equations.encode(orbit), [orbit.parameters[n] for n in self.names]])
+        left, _, right = np.linalg.svd(self._derivatives(u)[1][:, : self.m])
+        self.border = right[-1], left[:, -1]
         across = np.zeros(len(u))
         across[self.m + 1] = 1.0
         found, iterations = correct(self, u, across)
@@ -159,7 +153,7 @@ class FoldCurve:
 
     def orbit(self, point: Point) -> Orbit:
         """Return the cycle at a point."""
-        return self.problem.orbit(point.u[: self.m + 2], "fold on a curve of folds")
+        return self.problem.orbit(point.u, "fold on a curve of folds")
 
     def state(self, point: Point) -> FoldState:
         """Return what is to be known about a point of the curve."""
@@ -168,13 +162,15 @@ class FoldCurve:
     def _state_at(self, u: Array) -> FoldState:
         if (known := self._states.get(u.tobytes())) is not None:
             return known
-        _, J, H = self._derivatives(u)
-        first, second = u[self.m + 2 :] @ J[:, self.m :]
-        phi = np.linalg.svd(J[:, : self.m])[2][-1]
+        _, J = self._derivatives(u)
+        _, v, w = self._bordered(J)
+        v, w = v / np.linalg.norm(v), w / np.linalg.norm(w)
+        curvature = self._curvature(u, v, w)
+        bend, (first, second) = float(curvature[: self.m] @ v), w @ J[:, self.m :]
         with np.errstate(divide="ignore"):
             slope = -float(second * self.size[self.m] / (first * self.size[self.m + 1]))
-        state = FoldState(float(phi @ H[: self.m, : self.m] @ phi), float(first), slope)
-        self._states[u.tobytes()] = state
+        linear = abs(bend) <= LINEAR * float(np.abs(curvature).max())
+        state = self._states[u.tobytes()] = FoldState(bend, float(first), slope, linear)
         return state
 
     def beyond(self, point: Point) -> tuple[FoldCurve, Point] | None:
@@ -232,11 +228,14 @@ class FoldState:
         psi^T F_p for the first parameter: it changes its sign where the curve turns back in the second.
     slope : float, unit of the first per unit of the second parameter
         Derivative along the curve (eq-fold-gradient).
+    linear : bool
+        Whether the cycles are those of a linear system.
     """
 
     bend: float
     first: float
     slope: float
+    linear: bool = False
 
     @property
     def extremum(self) -> str:

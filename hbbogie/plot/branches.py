@@ -275,11 +275,12 @@ def _over_parameter(
 ) -> None:
     """Draw branches and special points over the parameter at their heights."""
     met, named = set[str](), list(dict.fromkeys(labels or ()))
+    extent = np.ptp([(o.parameters[b.parameter], height(o)) for b in many for o in b.orbits], axis=0)
     for i, b in enumerate(many):
         # the colour tells the verdict, or the branch where branches are named: the line tells the verdict always
         place = 0 if labels is None else named.index(labels[i])
         shades = SHADES if labels is None else dict.fromkeys(LINES, NEUTRAL[place % len(NEUTRAL)])
-        found = pieces(b, height)
+        found = pieces(b, height, extent)
         if labels is not None and set(b.verdicts) == {"unknown"}:  # no verdicts to tell: wide below narrow ones
             for _, points in found:
                 ax.plot(*points.T, color=shades["stable"], lw=1.3 + 1.1 * (len(many) - 1 - i), zorder=3, label="_")

@@ -40,7 +40,7 @@ class _Node:
     kink: bool = False
 
 
-def pieces(branch: Branch, height: Height) -> list[tuple[str, Array]]:
+def pieces(branch: Branch, height: Height, extent: Array | None = None) -> list[tuple[str, Array]]:
     """Return a branch as smooth curves of one verdict each, points of shape (k, 2), which meet.
 
     Parameters
@@ -48,12 +48,14 @@ def pieces(branch: Branch, height: Height) -> list[tuple[str, Array]]:
     branch : Branch
     height : callable
         `Orbit` -> what is drawn over the parameter.
+    extent : ndarray, shape (2,), optional
+        Width and height of the figure, which count alike in the length of a curve; those of the branch if left out.
     """
     nodes = _nodes(branch, height)
     if len(nodes) == 1:
         return [(nodes[0].verdict or "unknown", np.array([nodes[0].at]))]
     points = np.array([n.at for n in nodes])
-    size = np.ptp(points, axis=0)
+    size = np.array(np.ptp(points, axis=0) if extent is None else extent)
     size[size == 0] = 1.0
     t = np.r_[0.0, np.cumsum(np.maximum(np.linalg.norm(np.diff(points / size, axis=0), axis=1), 1e-12))]
     verdicts = _verdicts([n.verdict for n in nodes])

@@ -31,6 +31,7 @@ from hbbogie.units import per_second
 # pale, so that the branch stands out: the stable cycle's colour where motions settle on it
 ENDS = {"rest": "#eef1f3", "cycle": "#bcd9ec", "undecided": "#f6dfa6"}
 ATTRACTORS = ("#bcd9ec", "#cbe5bf", "#e2cbe8", "#f3c8b4", "#c9d2f0", "#d8d5b8")  # pale, by what moves on the cycle
+HIGH = 0.6  # share of the largest amplitude at which the map may be cut so that it has no corner without motions
 NAMES = {"rest": "comes to rest", "cycle": "settles on a cycle", "undecided": "undecided"}
 
 
@@ -85,7 +86,8 @@ def basin(
     ax.set_axisbelow(False)
     ax.grid(False)
     ax.set_xlim(x.min(), x.max())
-    ax.set_ylim(max(0.0, float(y.min())), y[:, -1].min())  # no corner without motions
+    top, widest = float(y[:, -1].min()), float(y[:, -1].max())
+    ax.set_ylim(max(0.0, float(y.min())), top if top > HIGH * widest else widest)  # no corner without motions
     engineering(ax.xaxis, parameter_label or f"{scan.parameter} [{scan.parameter_unit or '1'}]")
     ax.set_ylabel(bracketed(f"initial amplitude of {scan.coordinate}", unit))
     return finish(ax, given, scan.system)

@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from hbbogie.attraction.basin import check, find_basin
+from hbbogie.attraction.endings import OVER
 from hbbogie.branches.diagram import Diagram
 from hbbogie.errors import ModelError
 from hbbogie.model.system import System
@@ -20,6 +21,7 @@ from hbbogie.reports.table import Table
 from hbbogie.results import Basin
 from hbbogie.units import label
 
+LONGER = "; a longer duration may decide them"
 BEYOND_CYCLE = 1.65  # largest factor of the unstable cycle's shape
 BEYOND_PEAK = 4.0  # largest amplitude along a direction, in units of the largest stable peak
 ABOUT = (0.8, 0.8)  # how far a scan reaches below the fold and beyond the Hopf point, in units of their distance
@@ -109,7 +111,10 @@ def _reported(scan: Basin, system: System, found: Diagram) -> Report:
     notes = (
         f"{system.name}: {scan.outcome.size} motion{'s' * (scan.outcome.size != 1)}; {counts['rest']} at rest in the "
         f"end, {counts['cycle']} on a cycle, {counts['undecided']} undecided. Factors multiply: {scan.direction}.",
-        *(f"Undecided ({times}): {reason}." for reason, times in zip(why, often, strict=True)),
+        *(
+            f"Undecided ({times}): {reason}{LONGER * (reason == OVER)}."
+            for reason, times in zip(why, often, strict=True)
+        ),
         *found.notes,
         *scan.notes,
     )

@@ -12,6 +12,7 @@ import numpy as np
 from hbbogie.branches.comparison import Comparison, check_methods, compare, default_methods
 from hbbogie.model.problem import default_interval
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
@@ -20,6 +21,7 @@ from hbbogie.units import label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MOST = 30  # columns of the errors that are shown
 GOOD = 1.0  # %; a method is called good enough while its errors stay below
 
 
@@ -118,10 +120,18 @@ def comparison_of(
     found = compare(system, chosen, values, parameter=parameter, interval=interval, progress=progress)
     branches = {f"branch_{name}": method.branch for name, method in found.methods.items()}
     figures: dict[str, Callable[[], Figure]] = {"comparison": partial(_page, found)}
-    tables = (table_of_errors(found), table_of_methods(found))
-    said = (*verdicts(found), *_quasi_linear(system, found))
+    errors, methods_table = table_of_errors(found), table_of_methods(found)
+    many = len(errors.columns) > MOST  # too many to be read: the file has them all
+    tables = (methods_table,) if many else (errors, methods_table)
+    said = (*verdicts(found), *_quasi_linear(system, found), *_compared_branch(system, found))
     return Report(
-        f"{system.name}: methods compared", tables, branches, figures, (*said, *left_out), summary=said or left_out
+        f"{system.name}: methods compared",
+        tables,
+        branches,
+        figures,
+        (*said, *left_out),
+        long_tables=(errors,) if many else (),
+        summary=said or left_out,
     )
 
 
@@ -134,6 +144,18 @@ def _quasi_linear(system: System, found: Comparison) -> tuple[str, ...]:
     return (
         f"df1 is quasi-linear practice: in the equations of {names} the nonlinear forces that are no elements, such as "
         "creep forces, count with their first harmonic, all that they depend on being sinusoidal.",
+    )
+
+
+def _compared_branch(system: System, found: Comparison) -> tuple[str, ...]:
+    """Return what moves along the branch that is compared on, where other branches belong to other groups of bodies."""
+    branch = found.methods[found.truth].branch
+    moves = ", ".join(m for m in dict.fromkeys(moving_groups(system, o) for o in branch.orbits) if m)
+    if not moves:
+        return ()
+    return (
+        f"Compared on the branch of the first Hopf point, along which there move: {moves}. Other branches may have "
+        "lower folds: see hbbogie critical.",
     )
 
 
