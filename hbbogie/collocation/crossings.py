@@ -1,10 +1,13 @@
-"""Where a branch of collocated cycles crosses a value of the parameter, and on which side of a cycle it goes on."""
+"""Where a branch of collocated cycles crosses a value of the parameter or its own start, and where it goes on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hbbogie.collocation.adaption import Placed, located_between
 from hbbogie.collocation.curve import OnMeshCurve
@@ -15,7 +18,9 @@ from hbbogie.polynomials import points_of
 from hbbogie.solving.arclength import gap, towards
 from hbbogie.solving.curve import Point
 
+Array = NDArray[np.float64]
 REACH = 2.0  # by which the parameter may go on along a tangent, in lengths of the step to the next point
+ON_STEP = 0.1  # distance from a step, in units of its length, up to which a point is on it
 
 
 def reaches(curve: OnMeshCurve, points: Sequence[Point], value: float) -> bool:
@@ -56,3 +61,22 @@ def away_from(curve: OnMeshCurve, point: Point, before: Sampled) -> Point:
     values = before.states(s.ravel()).reshape(*s.shape, -1)
     last = e.pack(values, before.period, before.parameters[curve.parameter])
     return towards(curve, point, (point.u - last) / curve.scale)
+
+
+def signature(curve: OnMeshCurve, point: Point) -> Array:
+    """Return what tells cycles apart: scaled parameter, log T, smallest and largest values, shape (2 + 2 n_states,)."""
+    values = curve.equations.unpack(point.u)[0]
+    ends = [values.min(axis=(0, 1)), values.max(axis=(0, 1))]
+    return np.concatenate([[point.u[-1] / curve.equations.width, point.u[-2]], *ends])
+
+
+def closes(start: Array, second: Array, marks: list[Array], largest: Array) -> bool:
+    """Tell whether a branch comes back to its start, in the same direction: that lies on one of the last steps."""
+    size = np.concatenate([[1.0, 1.0], largest, largest])
+    start, second, marks = start / size, second / size, [mark / size for mark in marks]
+    for here, there in pairwise(marks):
+        step, way = there - here, start - here
+        share = np.clip(float(way @ step) / max(float(step @ step), 1e-300), 0.0, 1.0)
+        if np.linalg.norm(way - share * step) <= ON_STEP * np.linalg.norm(step) and step @ (second - start) > 0:
+            return True
+    return False

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hbbogie.brief import brief
 from hbbogie.collocation.adaption import Placed, adapted_to, curve_at, error_at, refined
-from hbbogie.collocation.crossings import away_from, crossings_of, off, reaches
+from hbbogie.collocation.crossings import away_from, closes, crossings_of, off, reaches, signature
 from hbbogie.collocation.curve import OnMeshCurve, homoclinic
 from hbbogie.collocation.cycle import CollocatedCycle
 from hbbogie.collocation.logarithms import positive_coordinates
@@ -38,7 +38,6 @@ NEAR = 0.3  # distance, in units of a step, by which contacts that change may mo
 PATIENCE = 6  # points at one value of the parameter after which a branch counts as a family
 FLAT, MEMBER = 1e-8, 1e-3  # share of the parameter in their tangents, and distance of a further multiplier from 1
 AT = {"interval": -1, "period": -2}  # which unknown has reached its limit at an ending
-ON_STEP = 0.1  # distance from a step, in units of its length, up to which a point is on it
 GROWN = 1e4  # period, relative to that of the start, at which a branch ends
 
 
@@ -242,7 +241,7 @@ def _walk(
 ) -> tuple[list[Stretch], Ending]:
     """Follow a branch in one direction, in stretches of a few points."""
     stretches: list[Stretch] = []
-    start, length, count = _signature(curve, first), step, 0
+    start, length, count = signature(curve, first), step, 0
     second: Array | None = None
     kinked = curve.equations.rates.kinked
     few = most_few = 2 if kinked else FEW + 1
@@ -276,9 +275,9 @@ def _walk(
         if over:
             stretches += [Stretch(there[0], [there[1]])] if there else []
             return stretches, _said(curve, points[-1], end)
-        marks = [_signature(curve, point) for point in points]
+        marks = [signature(curve, point) for point in points]
         second = marks[1] if second is None else second
-        if count > 10 and _closes(start, second, marks, curve.largest):
+        if count > 10 and closes(start, second, marks, curve.largest):
             return stretches, Ending("closed", "the branch closes on itself")
         if count >= most or work <= 0:
             return stretches, Ending("points", f"the largest number of points, {min(count, most)}, was reached")
@@ -332,22 +331,3 @@ def _said(curve: OnMeshCurve, point: Point, end: Ending) -> Ending:
         return replace(end, advice=advice or end.advice)
     what = f"homoclinic approach near {curve.where(point.u)}, at {rest}; the period is {T:.4g} s"
     return Ending("homoclinic", what, "; ".join(filter(None, ["" if end.kind == "period" else end.what, advice])))
-
-
-def _signature(curve: OnMeshCurve, point: Point) -> Array:
-    """Return what tells cycles apart: scaled parameter, log T, smallest and largest values, shape (2 + 2 n_states,)."""
-    values = curve.equations.unpack(point.u)[0]
-    ends = [values.min(axis=(0, 1)), values.max(axis=(0, 1))]
-    return np.concatenate([[point.u[-1] / curve.equations.width, point.u[-2]], *ends])
-
-
-def _closes(start: Array, second: Array, marks: list[Array], largest: Array) -> bool:
-    """Tell whether a branch comes back to its start, in the same direction: that lies on one of the last steps."""
-    size = np.concatenate([[1.0, 1.0], largest, largest])
-    start, second, marks = start / size, second / size, [mark / size for mark in marks]
-    for here, there in pairwise(marks):
-        step, way = there - here, start - here
-        share = np.clip(float(way @ step) / max(float(step @ step), 1e-300), 0.0, 1.0)
-        if np.linalg.norm(way - share * step) <= ON_STEP * np.linalg.norm(step) and step @ (second - start) > 0:
-            return True
-    return False
