@@ -13,8 +13,6 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -45,6 +43,7 @@ from hbbogie import (
     trace,
     verify,
 )
+from hbbogie.benchmark_auto import traced_by_auto
 from hbbogie.benchmark_explorer import moved
 from hbbogie.benchmark_reliability import measure_reliability, print_reliability
 from hbbogie.benchmark_train import measure_trains, print_trains
@@ -63,7 +62,6 @@ from hbbogie.exact.method import Exact
 from hbbogie.exact.multipliers import stabilities
 from hbbogie.exact.starting import at_grazing
 from hbbogie.exact.walk import Walk, follow
-from hbbogie.exchange import to_auto
 
 REPEATS = 5
 RANDOM = ("Mw", "Mf", "K1", "K2", "K4", "K6", "D2", "lam", "f11")  # varied by 20 % to either side
@@ -292,21 +290,11 @@ def measure_census(table: Table) -> None:
 def measure_auto(table: Table) -> None:
     """Measure AUTO-07p on the bogie's branch, from 190 m/s around the fold, by its own clock."""
     what = "branch by AUTO-07p, 60 intervals, with multipliers"
-    if shutil.which("auto") is None:
+    if (found := traced_by_auto()) is None:
         table.notes.append(f"{what}: left out, since `auto` is not on the path")
         return
-    system = load_problem("yang1995").bogie(V=189.0)
-    cycle = next(c for c in find_cycles(system) if c.verdict == "stable")
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in to_auto(system, cycle, "V", (60.0, 190.0)).items():
-            text = text.replace("NMX = 300", "NMX = 60")  # to the fold and beyond, and not into the vertical family
-            Path(folder, name).write_text(text)
-        Path(folder, "once.auto").write_text("run('yang_s_bogie', DS='-')\n")
-        done = [subprocess.run(["auto", "once.auto"], cwd=folder, capture_output=True, text=True) for _ in range(3)]
-    spent = min(float(value) for one in done for value in re.findall(r"Total Time +(\S+)", one.stdout))
-    fold_at = re.findall(r"LP +\d+ +(\S+)", done[-1].stdout)
-    points = re.findall(r"^ +1 +(\d+)  (?:EP|UZ|MX)", done[-1].stdout, re.MULTILINE)
-    table.rows.append((what, spent, spent, f"{points[-1]} points, fold {min(map(float, fold_at)):.4f} m/s"))
+    spent, points, lowest = found
+    table.rows.append((what, spent, spent, f"{points} points, fold {lowest:.4f} m/s"))
 
 
 def measure_explorer(table: Table, moves: int = 50) -> None:
