@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from hbbogie.branches.closed_form import exact_fold
 from hbbogie.branches.collocated import collocated_fold
-from hbbogie.branches.continuation import trace
+from hbbogie.branches.continuation import balanced_trace, trace
 from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.hopf import hopf_points
@@ -20,11 +21,13 @@ from hbbogie.methods.equations import Equations
 from hbbogie.results import Critical, Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.newton import Conditions, Problem
+from hbbogie.solving.solvers import solve
 
 Array = NDArray[np.float64]
 ITERATIONS = 25
 FARTHEST = 0.2  # longest step of an unknown, in units of its scale: a guess near a fold is near it
 FLAT = 1e-8  # curvature of the parameter along the cycles, in units of its value, below which there is no extremum
+BESIDE, REACH = (0.003, 0.02), 3.0  # shares of the value by which a cycle is beside a fold; how much farther to trace
 SHORTEST = 0.02  # share of the way to new parameters at which the walk gives up
 
 
@@ -41,8 +44,9 @@ def fold(
 
     Newton's method on the conditions of optimality of the nonlinear program "extremum of the parameter subject to
     the equations" (eq-fold-optimality), with exact second derivatives. The multipliers are the gradient
-    (eq-fold-gradient). Where that fails, branches are traced from the Hopf points about the guess's value; where that
-    finds none, the parameters are gone to in steps from those of the guess.
+    (eq-fold-gradient). Where that fails, the branch through a cycle beside the guess is traced, then those from the
+    Hopf points about the guess's value; where that finds none, the parameters are gone to in steps from those of the
+    guess.
 
     Parameters
     ----------
@@ -84,7 +88,7 @@ def fold(
     equations = equations.phased(orbit)
     found = _newton(equations, place, orbit, system.vector(), tolerance)
     if search and not found.converged:
-        found = _by_tracing(equations, place, orbit, tolerance) or found
+        found = _beside(equations, place, orbit, tolerance) or _by_tracing(equations, place, orbit, tolerance) or found
     if search and not found.converged and set(orbit.parameters) == set(system.parameter_names):
         found = _walk(equations, place, orbit, tolerance) or found
     if not found.converged:
@@ -191,6 +195,27 @@ def _walk(equations: Equations, place: int, orbit: Orbit, tolerance: float) -> _
         if share == 1.0:
             return found
         done, orbit, stride = share, found.problem.orbit(found.y, ""), 1.5 * stride
+    return None
+
+
+def _beside(equations: Equations, place: int, orbit: Orbit, tolerance: float) -> _Solved | None:
+    """Trace the branch through a cycle at a value beside the guess's; return the fold nearest in value."""
+    name = equations.system.parameter_names[place]
+    if name not in orbit.parameters:
+        return None
+    value, size = orbit.parameters[name], max(abs(orbit.parameters[name]), 0.1)
+    for share in (sign * share for share in BESIDE for sign in (1, -1)):
+        at: dict[str, Any] = {name: value + share * size}
+        span = value - REACH * abs(share) * size, value + REACH * abs(share) * size
+        try:
+            cycle = solve(equations, orbit, method="newton", **at)
+            branch = balanced_trace(equations, cycle, name, span, families=False, stability=False, doubts=False)
+        except (ConvergenceError, ModelError):  # no cycle is there, or no such value
+            continue
+        for special in sorted(branch.folds(), key=lambda special: abs(special.value - value)):
+            found = _newton(equations, place, special.orbit, equations.system.vector(), tolerance)
+            if found.converged:
+                return found
     return None
 
 

@@ -22,6 +22,7 @@ from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
 REST = 2.0  # errors of the trivial multiplier that another one may be off
+SHARES = (0.15, 0.5)  # of the way from the lowest fold to the first Hopf point, at which motions begin
 SMALLEST = 1e-3  # size of a state that rests, relative to the largest of its kind
 
 
@@ -30,12 +31,15 @@ def cycles_of_groups(
 ) -> Iterator[tuple[str, Orbit | None]]:
     """Yield what motions of one group of bodies at a time, and of all, come to where rest is stable and cycles known.
 
+    They begin at a value next to the lowest fold, where cycles attract motions best. Those that come to none there
+    begin once more half the way to the first Hopf point.
+
     Parameters
     ----------
     equations : Equations
         Of harmonic balance.
     branches : sequence of Branch
-        Over one parameter, from Hopf points.
+        Over one parameter, from Hopf points. Those that are added meanwhile count, too.
     hopf : sequence of float, unit of the parameter
         The values of the Hopf points.
 
@@ -47,7 +51,17 @@ def cycles_of_groups(
     folds = [s.value for b in branches for s in b.folds() if s.extremum == "minimum" and s.value < min(hopf)]
     if len(equations.system.groups) < 2 or not folds:
         return
-    name, value = branches[0].parameter, (min(folds) + min(hopf)) / 2
+    settled: set[str] = set()
+    for share in SHARES:
+        value = min(folds) + share * (min(hopf) - min(folds))
+        yield from _cycles_at(equations, branches, value, settled)
+
+
+def _cycles_at(
+    equations: Equations, branches: Sequence[Branch], value: float, settled: set[str]
+) -> Iterator[tuple[str, Orbit | None]]:
+    """Yield what motions at a value come to, but of those ``settled``; add those that come to a cycle to these."""
+    name = branches[0].parameter
     system = equations.system.with_parameters(**{name: value})
     known = [o for b in branches for o in crossings(equations, b, value)]
     marks, size = [signature(o) for o in known], np.zeros(system.n_states)
@@ -56,31 +70,42 @@ def cycles_of_groups(
     size = np.maximum(size, SMALLEST * size.max())
     h = sample_distance(np.linalg.eigvals(system.state_matrix(0 * size, system.vector())).astype(complex))
     for where, x in group_states(system, known):
+        if where in settled:
+            continue
         said = f"the motion at {name} = {value:.6g} from {where}"
         if time_is_over():
             yield f"{said} was not begun before the time limit", None
             continue
-        kind, cycle, near = "undecided", None, False
-        for met in recurrences(system, x, h, size, marks):
-            kind, near = met.kind, met.orbit is not None
-            if met.orbit is None or kind == "known":
-                continue
-            cycle = _confirmed(equations, met.orbit, {name: value})
-            if cycle is not None and _attracts(system, cycle):  # the motion does not leave it
-                break
-        if not near or kind in ("rest", "known"):
-            ends = {"rest": "came to rest", "known": "came to a cycle of a branch followed already"}
-            yield f"{said} {ends.get(kind, 'did not come to a cycle')}", None
-            continue
-        if cycle is None:
-            yield f"{said} came near a cycle that harmonic balance does not confirm", None
-            continue
-        if len(once_each([*known, cycle])) == len(known):
+        kind, cycle = _end(equations, system, x, h, size, marks)
+        if kind == "known" or (cycle is not None and len(once_each([*known, cycle])) == len(known)):
+            settled.add(where)
             yield f"{said} came to a cycle of a branch followed already", None
+        elif cycle is None:
+            yield f"{said} {kind}", None
+        else:
+            settled.add(where)
+            known.append(cycle)
+            marks.append(signature(cycle))
+            yield f"{said} came to another cycle ({moving_groups(system, cycle)})", cycle
+
+
+def _end(
+    equations: Equations, system: System, x: Array, h: float, size: Array, marks: list[Array]
+) -> tuple[str, Orbit | None]:
+    """Return what a motion comes to, in words, or "known", and the cycle of harmonic balance if it is near one."""
+    kind, cycle, near = "undecided", None, False
+    for met in recurrences(system, x, h, size, marks):
+        kind, near = met.kind, met.orbit is not None
+        if met.orbit is None or kind == "known":
             continue
-        known.append(cycle)
-        marks.append(signature(cycle))
-        yield f"{said} came to another cycle ({moving_groups(system, cycle)})", cycle
+        cycle = _confirmed(equations, met.orbit, dict(system.values))
+        if cycle is not None and _attracts(system, cycle):  # the motion does not leave it
+            break
+    if kind == "known":
+        return kind, None
+    if not near or kind == "rest":
+        return "came to rest" if kind == "rest" else "did not come to a cycle", None
+    return "came near a cycle that harmonic balance does not confirm", cycle
 
 
 def _confirmed(equations: Equations, orbit: Orbit, at: dict[str, Any]) -> Orbit | None:

@@ -185,6 +185,8 @@ class Search:
             if not last:
                 raise
             return located_fold(special, str(error))
+        if abs(solved.value - special.value) > APART * (self.span[1] - self.span[0]):
+            return located_fold(special, f"Newton's method led to another fold, {solved.value:.6g}")
         if solved.extremum == "minimum":
             self.least = min(self.least, solved.value)
         return solved

@@ -68,7 +68,7 @@ def _of_groups(system: System, parameter: str, interval: tuple[float, float], pr
             notes.append(f"The branch of the Hopf point at {parameter} = {point.value:g} was not followed: {error}")
     if branches:
         progress("branches: cycles in which one group of bodies moves", len(hopf) / (len(hopf) + 1))
-        for said, cycle in cycles_of_groups(equations, list(branches), [point.value for point in hopf]):
+        for said, cycle in cycles_of_groups(equations, branches, [point.value for point in hopf]):
             notes.append(f"{said[0].upper()}{said[1:]}.")
             if cycle is None:
                 continue

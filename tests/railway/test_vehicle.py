@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hbbogie as hb
-from hbbogie.branches import crossings
+from hbbogie.branches import crossings, cycle_after
 from hbbogie.critical import coexistence
 from hbbogie.motion import last_orbit, moving_groups, settle
 from hbbogie.stability import fold_shift
@@ -289,6 +289,19 @@ def test_the_lowest_fold_may_lie_on_a_branch_of_both_bogies_that_no_hopf_point_l
     found = smallest_critical(system, "V", VEHICLE.RANGE, gradients=False)
     assert "all groups move came to another cycle (both)" in found["status"] and not found["failed"]
     assert found["critical"] < 63.954
+
+
+def test_a_fold_to_which_newton_does_not_lead_is_not_taken_for_that_of_another_branch():
+    """From 9 to 21 harmonics: the branch with 21 has its fold near by, that of a Hopf point one at 58.69 m/s."""
+    changed = VEHICLE.vehicle(kpx=24e6, kpy=2.72e6, c1=260e3, Fb=4.2e3, c2=7e3)
+    motion = cycle_after(changed.with_parameters(V=62.0), dict.fromkeys(("y1", "y2", "y3", "y4"), 0.01))
+    assert moving_groups(changed, motion) == "both"
+    lowest, balances = [], [hb.HarmonicBalance(H).equations(changed) for H in (9, 21)]
+    for balance in balances:
+        cycle = hb.solve(balance, motion, method="newton", V=62.0)
+        branch = hb.trace(balance, cycle, "V", (57.0, 62.5), stability=False)
+        lowest.append(min(branch.folds(), key=lambda special: special.value))
+    assert hb.fold(balances[1], lowest[0]).value == pytest.approx(lowest[1].value, abs=1e-6)
 
 
 @pytest.mark.slow
