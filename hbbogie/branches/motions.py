@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
 PER_PERIOD = 40  # samples of a period of the linear motion
 TOLERANCE = 1e-7  # of the integration
+STEPPED = 30  # states beyond which steps of a fixed length take less time than those of CVODES
 SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
 NEAR = 0.1  # distance from an equilibrium, likewise, beyond which a motion that hardly moves is not at rest
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
@@ -157,12 +158,12 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     many = has_many_states(system)
     least = AT_REST if many else 0.0  # what hardly moves, far from what does, need not come back
     orbit: Orbit | None = None
-    closest, rate = (NEARLY, _rate(system, x, p)) if many else (RECURS, np.inf)
+    closest, rate = NEARLY if many else RECURS, _rate(system, x, p) if system.n_states > STEPPED else np.inf
     for _ in range(CHUNKS):
         if time_is_over():
             break
         try:
-            later = states_in_steps(system, x, p, h, CHUNK, rate) if many else None
+            later = states_in_steps(system, x, p, h, CHUNK, rate) if rate < np.inf else None
             states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE) if later is None else later])
         except ConvergenceError:
             kind = _lost(system, x, p, h, size)

@@ -33,7 +33,7 @@ FEW = 5  # points between two adaptions of the mesh
 LEAST = 4  # points of a stretch that is tried
 SLACK = 10.0  # by which the error may exceed the tolerance between two adaptions
 COARSEST = 1e3  # error of a first point that is round-off, as of a small cycle about a large mean, and not a wrong one
-SHORTEST = 1e-5  # step that is not shortened any more for contacts that change
+SHORTEST = 1e-5  # first step of a stretch, and one that is not shortened any more for contacts that change
 NEAR = 0.3  # distance, in units of a step, by which contacts that change may move its end
 PATIENCE = 6  # points at one value of the parameter after which a branch counts as a family
 FLAT, MEMBER = 1e-8, 1e-3  # share of the parameter in their tangents, and distance of a further multiplier from 1
@@ -285,7 +285,7 @@ def _walk(
         if _family([(s.curve, point) for s in stretches[-PATIENCE:] for point in s.points[settled]]):
             what = f"{curve.where(points[-1].u)} does not vary along the branch: a family of cycles"
             return stretches, Ending("family", f"{what}, as of a conservative or a linear system")
-        length = min(growth * gap(curve, points[-2], points[-1]), longest)
+        length = min(max(growth * gap(curve, points[-2], points[-1]), SHORTEST), longest)
         there = there or refined(curve, points[-1], tolerance)
         if there is None:
             what = f"no further point was found beyond {curve.where(points[-1].u)}: the mesh could not be adapted"

@@ -22,7 +22,7 @@ from hbbogie.stability.multipliers import floquet
 
 Array = NDArray[np.float64]
 REST = 2.0  # errors of the trivial multiplier that another one may be off
-SHARES = (0.15, 0.5)  # of the way from the lowest fold to the first Hopf point, at which motions begin
+SHARES = (0.5, 0.15)  # of the way from the lowest fold to the first Hopf point, at which motions begin
 SMALLEST = 1e-3  # size of a state that rests, relative to the largest of its kind
 
 
@@ -31,8 +31,8 @@ def cycles_of_groups(
 ) -> Iterator[tuple[str, Orbit | None]]:
     """Yield what motions of one group of bodies at a time, and of all, come to where rest is stable and cycles known.
 
-    They begin at a value next to the lowest fold, where cycles attract motions best. Those that come to none there
-    begin once more half the way to the first Hopf point.
+    They begin half the way from the lowest fold to the first Hopf point, and once more next to the lowest fold that is
+    known by then: there are cycles to which motions come at one of these values only.
 
     Parameters
     ----------
@@ -48,19 +48,16 @@ def cycles_of_groups(
     (str, Orbit or None)
         What was done, and the cycle that lies on none of the branches, if there is one.
     """
-    folds = [s.value for b in branches for s in b.folds() if s.extremum == "minimum" and s.value < min(hopf)]
-    if len(equations.system.groups) < 2 or not folds:
+    if len(equations.system.groups) < 2:
         return
-    settled: set[str] = set()
     for share in SHARES:
-        value = min(folds) + share * (min(hopf) - min(folds))
-        yield from _cycles_at(equations, branches, value, settled)
+        folds = [s.value for b in branches for s in b.folds() if s.extremum == "minimum" and s.value < min(hopf)]
+        if folds:
+            yield from _cycles_at(equations, branches, min(folds) + share * (min(hopf) - min(folds)))
 
 
-def _cycles_at(
-    equations: Equations, branches: Sequence[Branch], value: float, settled: set[str]
-) -> Iterator[tuple[str, Orbit | None]]:
-    """Yield what motions at a value come to, but of those ``settled``; add those that come to a cycle to these."""
+def _cycles_at(equations: Equations, branches: Sequence[Branch], value: float) -> Iterator[tuple[str, Orbit | None]]:
+    """Yield what motions at a value come to, and the cycle that lies on none of the branches, if there is one."""
     name = branches[0].parameter
     system = equations.system.with_parameters(**{name: value})
     known = [o for b in branches for o in crossings(equations, b, value)]
@@ -70,20 +67,16 @@ def _cycles_at(
     size = np.maximum(size, SMALLEST * size.max())
     h = sample_distance(np.linalg.eigvals(system.state_matrix(0 * size, system.vector())).astype(complex))
     for where, x in group_states(system, known):
-        if where in settled:
-            continue
         said = f"the motion at {name} = {value:.6g} from {where}"
         if time_is_over():
             yield f"{said} was not begun before the time limit", None
             continue
         kind, cycle = _end(equations, system, x, h, size, marks)
         if kind == "known" or (cycle is not None and len(once_each([*known, cycle])) == len(known)):
-            settled.add(where)
             yield f"{said} came to a cycle of a branch followed already", None
         elif cycle is None:
             yield f"{said} {kind}", None
         else:
-            settled.add(where)
             known.append(cycle)
             marks.append(signature(cycle))
             yield f"{said} came to another cycle ({moving_groups(system, cycle)})", cycle

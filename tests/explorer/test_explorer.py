@@ -122,7 +122,7 @@ def test_a_detached_branch_is_followed():
     assert sorted(s.value for s in ring.folds()) == pytest.approx([-0.4, 0.4], abs=1e-9)
 
 
-LARGE = ("train", "vehicle")  # smooth, and of more than 20 states
+LARGE = ("train", "vehicle", "vehicle_design")  # smooth, and of more than 20 states
 
 
 @pytest.mark.parametrize("name", LARGE)
