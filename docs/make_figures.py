@@ -19,7 +19,6 @@ from PIL import Image
 
 import hbbogie as hb
 from hbbogie import plot
-from hbbogie.design import design_point
 from hbbogie.model import shipped_problems
 from hbbogie.reports import (
     Report,
@@ -32,7 +31,7 @@ from hbbogie.reports import (
     ramp_of,
     run_of,
 )
-from hbbogie.studies import load_study, shipped_studies
+from hbbogie.studies import load_study, shipped_studies, smallest_critical
 
 IMAGES = Path(__file__).parent / "images"
 COLOURS = 256  # of the palette: a third of the size, and no difference to be seen
@@ -204,11 +203,9 @@ def vehicle_design() -> Figure:
 
 def vehicle_hunting() -> Figure:
     """Draw the share of the designs of the study vehicle_hunting below each lowest critical speed."""
-    points = load_study(shipped_studies()["vehicle_hunting"]).points
-    vehicle, interval = hb.load_problem("vehicle").vehicle(), (20.0, 100.0)
-    nominal = design_point(vehicle, "V", interval, 9)
+    points, vehicle = load_study(shipped_studies()["vehicle_hunting"]).points, hb.load_problem("vehicle").vehicle()
     systems = [vehicle.with_parameters(**dict(zip(points.names, row, strict=True))) for row in points.values]
-    values = [design_point(system, "V", interval, 9, nominal).value for system in systems]
+    values = [smallest_critical(system, "V", (20.0, 100.0), gradients=False)["critical"] for system in systems]
     ax = plot.shares({"lam, muN": values}, service=50.0, parameter_label="lowest critical speed [m/s]")
     return plot.figure_of(ax)
 
