@@ -93,7 +93,8 @@ def log_moduli(transitions: Array) -> tuple[Array, Array]:
     """Return the logarithms of the moduli of the multipliers, and their signs where they are real.
 
     By orthogonal iteration with the factors of the monodromy matrix, which are never multiplied: however small a
-    multiplier, its logarithm is the sum of those of the diagonals.
+    multiplier, its logarithm is the sum of those of the diagonals. Where some are tiny it ends when these have settled:
+    of the others the sum has, too.
 
     Parameters
     ----------
@@ -120,11 +121,16 @@ def log_moduli(transitions: Array) -> tuple[Array, Array]:
             logarithms += np.log(np.abs(np.diagonal(R)))
             signs *= np.sign(np.diagonal(R))
         moving = np.abs(logarithms - last) > SETTLED * np.maximum(1.0, np.abs(logarithms))
-        if not moving.any():
+        tiny = logarithms <= np.log(ROUND_OFF)
+        if not (moving[tiny] if tiny.any() else moving).any():
             break
         last = logarithms
-    for k in np.flatnonzero(moving[:-1] & moving[1:])[::2]:  # a complex pair turns for ever; its product does not
-        logarithms[k : k + 2] = logarithms[k : k + 2].mean()
+    k = 0
+    while k + 1 < n:  # a complex pair turns for ever; its product does not
+        if moving[k] and moving[k + 1]:
+            logarithms[k : k + 2] = logarithms[k : k + 2].mean()
+            k += 1
+        k += 1
     return logarithms, signs * np.sign(np.einsum("ij,ij->j", begin, Q))
 
 
