@@ -19,7 +19,7 @@ Complex = NDArray[np.complex128]
 TRUSTED = 1e-2  # largest error of the trivial multiplier, and estimated error of the others
 SWEEPS, SETTLED = 40, 1e-11  # of an orthogonal iteration, and the change of a logarithm after which it ends
 ROUND_OFF = 1e-9  # multiplier below which another way is taken
-MILD = 1e4  # condition up to which transitions are multiplied
+MILD = 1e6  # condition up to which transitions are multiplied
 
 
 @dataclass(frozen=True, eq=False)
