@@ -181,12 +181,12 @@ class Search:
             return located_fold(special, "the time limit was reached")
         try:
             solved = fold(self.equations, special, special.parameter, search=last)
+            if abs(solved.value - special.value) > APART * (self.span[1] - self.span[0]):
+                raise ConvergenceError(f"Newton's method led to another fold, {solved.value:.6g}")
         except ConvergenceError as error:
             if not last:
                 raise
             return located_fold(special, str(error))
-        if abs(solved.value - special.value) > APART * (self.span[1] - self.span[0]):
-            return located_fold(special, f"Newton's method led to another fold, {solved.value:.6g}")
         if solved.extremum == "minimum":
             self.least = min(self.least, solved.value)
         return solved
