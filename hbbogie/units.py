@@ -36,6 +36,11 @@ def label(name: str, unit: str) -> str:
     return f"{name} [{unit or '1'}]"
 
 
+def behind(unit: str) -> str:
+    """Return a unit as it stands behind a number, such as " m/s"; nothing where there is none."""
+    return "" if unit in ("", "1") else f" {unit}"
+
+
 def per_second(unit: str) -> str:
     """Return the unit of a rate of change, such as "m/s²" of "m/s"."""
     return f"{unit}²" if unit.endswith("/s") else "1/s" if unit in ("", "1") else f"{unit}/s"

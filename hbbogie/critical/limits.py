@@ -12,6 +12,7 @@ from hbbogie.results import Branch, LimitPoint, Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.measures import MEASURES, measured
 from hbbogie.solving.newton import Conditions, Problem
+from hbbogie.units import behind
 
 Array = NDArray[np.float64]
 ITERATIONS = 25
@@ -131,7 +132,7 @@ def _solved(
     slopes = -(slopes + adjoint[m] / limit * d[m:])
     names = system.parameter_names
     unit = system.naming.units.get(of, "1")
-    shown = f"{limit:g}{'' if unit in ('', '1') else ' ' + unit}"
+    shown = f"{limit:g}{behind(unit)}"
     return LimitPoint(
         kind="limit",
         parameter=parameter,

@@ -19,7 +19,7 @@ from hbbogie.reports.table import plain
 from hbbogie.results import Orbit
 from hbbogie.results.failure import FAILURES
 from hbbogie.solving.solvers import solve
-from hbbogie.units import label, per_second, readable
+from hbbogie.units import behind, label, per_second, readable
 
 Array = NDArray[np.float64]
 SAMPLES = 240  # of a cycle that is drawn
@@ -192,7 +192,7 @@ def cycle_data(found: Explored, orbit: Orbit, module: ModuleType | None = None) 
         waves.append({**own, "q": _few(factor * q[:, i]), "v": _few(rate * v[:, i]), "peak": orbit.peaks()[name]})
     for name, signal in orbit.outputs.items():
         factor, shown = readable(signal.unit, signal.peak)
-        peak = f"{factor * signal.peak:.4g}{'' if shown in ('', '1') else ' ' + shown}"
+        peak = f"{factor * signal.peak:.4g}{behind(shown)}"
         own = {"name": name, "text": naming.plain(name), "unit": shown}
         waves.append({**own, "q": _few(factor * signal.at(t)), "peak": peak})
     value = orbit.parameters[found.view.parameter]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hbbogie.errors import door
 from hbbogie.plot.appearance import COLOURS, INK, axes, engineering, finish, styled
 from hbbogie.results import Chart, ChartPoint, CriticalCurve
-from hbbogie.units import readable
+from hbbogie.units import behind, readable
 
 Array = NDArray[np.float64]
 BOTH = "#f7d9c4"  # where a stable equilibrium and cycles exist side by side
@@ -159,7 +159,7 @@ def _told(value: float, label: str) -> str:
     """Return a value with the unit of a label."""
     unit = label.rpartition("[")[2].rstrip("]") if label.endswith("]") else ""
     factor, shown = readable(unit, abs(value))
-    return f"{factor * value:.4g}{'' if shown in ('', '1') else ' ' + shown}"
+    return f"{factor * value:.4g}{behind(shown)}"
 
 
 def _nearest(found: Chart, s: ChartPoint) -> tuple[CriticalCurve, int]:

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 from hbbogie.errors import ModelError, several
 from hbbogie.plot.appearance import INK, LINES, Array
 from hbbogie.results import Branch, LimitLine, Orbit, SpecialPoint
+from hbbogie.units import behind
 
 Height = Callable[[Orbit], float]
 LIMIT = "#a02c2c"  # colour of limits
@@ -161,7 +162,7 @@ def draw_marks(ax: Axes, marks: Sequence[tuple[SpecialPoint, float]], labels: bo
         places = list(dict.fromkeys(f"{0.0 if abs(value) < zero else value:.4g}" for value, _ in some))
         unit = named.orbit.naming.units.get(named.parameter, "")
         if len(places) <= 2 and kind != "grazing":
-            text += f" ({named.parameter} = {', '.join(places)}{'' if unit in ('', '1') else ' ' + unit})"
+            text += f" ({named.parameter} = {', '.join(places)}{behind(unit)})"
         look: dict[str, Any] = {"ms": 5.5, "color": INK, "mec": "white", "mew": 0.8}
         if kind == "grazing":
             look = {"ms": 8.0, "mfc": "none", "mec": INK, "mew": 0.9}

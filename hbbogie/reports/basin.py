@@ -19,7 +19,7 @@ from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Basin
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 LONGER = "; a longer duration may decide them"
 BEYOND_CYCLE = 1.65  # largest factor of the unstable cycle's shape
@@ -143,7 +143,7 @@ def _sentences(scan: Basin, system: System, counts: dict[str, int]) -> tuple[str
         each = ", ".join(f"{k} {int((scan.ends == k).sum())}" for k in attractors)
         said.append(f"Of those that end on a cycle there move: {each}.")
     both = [float(v) for i, v in enumerate(scan.values) if {"rest", "cycle"} <= set(map(str, scan.outcome[i]))]
-    unit = "" if scan.parameter_unit in ("", "1") else f" {scan.parameter_unit}"
+    unit = behind(scan.parameter_unit)
     if both:
         said.append(
             f"Between {scan.parameter} = {min(both):.4g} and {max(both):.4g}{unit} the disturbance decides: "

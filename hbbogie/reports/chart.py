@@ -16,7 +16,7 @@ from hbbogie.progress import Progress, silent
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Chart
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,7 +80,7 @@ def chart_of(
 
 def _sentences(found: Chart, system: System, name: str, over: str) -> tuple[str, ...]:
     """Return where the curves of critical values lie, and where rest and cycles coexist most widely."""
-    units = {n: "" if (u := system.parameter(n).unit) in ("", "1") else f" {u}" for n in (name, over)}
+    units = {n: behind(system.parameter(n).unit) for n in (name, over)}
     said = []
     for c in found.curves:
         first, last = (int(i) for i in (np.argmin(c.over_values), np.argmax(c.over_values)))

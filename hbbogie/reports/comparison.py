@@ -16,7 +16,7 @@ from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ def _largest(errors: Sequence[float | None]) -> float | None:
 
 def verdicts(found: Comparison) -> tuple[str, ...]:
     """Return a sentence on each method: where it is good enough and where not, from the numbers."""
-    unit = "" if found.unit in ("", "1") else f" {found.unit}"
+    unit = behind(found.unit)
     exact = found.methods[found.truth].fold
     sentences = []
     for name in found.approximations:

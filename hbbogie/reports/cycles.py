@@ -31,6 +31,7 @@ from hbbogie.reports.table import Table
 from hbbogie.results import Branch, Cycles, Equilibria, Orbit
 from hbbogie.stability.hill_method import hill as hill_of
 from hbbogie.stability.multipliers import floquet
+from hbbogie.units import behind
 
 
 def run_of(module: ModuleType, system: System, progress: Progress = silent, method: str | None = None) -> Report:
@@ -239,7 +240,7 @@ def report_of_diagram(system: System, found: Diagram, rest: Equilibria | None = 
 def quantity(system: System, parameter: str, value: float) -> str:
     """Return a parameter value as text, such as "V = 90 m/s"."""
     unit = system.parameter(parameter).unit
-    return f"{parameter} = {value:.7g}{'' if unit in ('', '1') else ' ' + unit}"
+    return f"{parameter} = {value:.7g}{behind(unit)}"
 
 
 def _begun(sentence: str, system: System) -> str:

@@ -18,7 +18,7 @@ from hbbogie.reports.table import Table
 from hbbogie.results import Branch, LimitLine, LimitPoint, SpecialPoint
 from hbbogie.results.failure import FAILURES
 from hbbogie.stability.multipliers import floquet
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 MOST = 63  # harmonics with which the cycles at a limit are solved for
 SHOWN = 5  # parameters in a sentence
@@ -44,7 +44,7 @@ def with_limit(report: Report, system: System, of: str, limit: float, quantity: 
     """
     points, notes = _met(system, report.branches, of, limit, quantity)
     unit = system.naming.units.get(of, "")
-    told = f"the {quantity} of {of} meets {limit:g}{'' if unit in ('', '1') else ' ' + unit}"
+    told = f"the {quantity} of {of} meets {limit:g}{behind(unit)}"
     if not points:
         notes = [f"On no branch {told}.", *notes]
         return replace(report, notes=(*notes, *report.notes))

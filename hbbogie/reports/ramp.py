@@ -17,7 +17,7 @@ from hbbogie.reports.figures import Figures, draw
 from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results.hysteresis import Hysteresis, Passage
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 RAMP = (1.5, 7.0)  # the same of a ramp
 RATES = 0.2  # fastest ramp, in distances of fold and Hopf point per period
@@ -75,7 +75,7 @@ def ramp_of(
     figures: Figures = {"ramp": partial(draw, "hysteresis", runs, branches, found.hopf, parameter_label=across)}
     if (runs.late_falling > 0).any() or (runs.late_rising > 0).any():
         figures["ramp_delays"] = partial(draw, "delays", runs)
-    unit = f" {runs.unit}" if runs.unit not in ("", "1") else ""
+    unit = behind(runs.unit)
     notes = (
         f"Oscillation has died out where the peaks of {runs.coordinate} fall below {runs.level:.6g}{unit} for good, "
         f"and has started where they first reach it ({runs.meaning}).",
@@ -119,7 +119,7 @@ def _rates(found: Diagram, width: float) -> list[float]:
 
 def _sentences(runs: Hysteresis) -> tuple[str, ...]:
     """Return where oscillation dies out and starts at the slowest rate."""
-    unit, said = "" if runs.parameter_unit in ("", "1") else f" {runs.parameter_unit}", []
+    unit, said = behind(runs.parameter_unit), []
     k = int(np.argmin(np.abs(runs.rates)))
     rate = f"at {abs(float(runs.rates[k])):g}{unit} per second, the slowest rate,"
     for passage, what, beside, name in (

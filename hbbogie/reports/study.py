@@ -17,7 +17,7 @@ from hbbogie.reports.table import Table
 from hbbogie.studies.dataset import names_of
 from hbbogie.studies.statistics import Exceedance, exceedance, independent, prediction, sobol_indices, values_of
 from hbbogie.studies.store_rows import listed
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -125,7 +125,7 @@ def _sentences(data: xr.Dataset, names: Sequence[str], tables: Sequence[Table]) 
         said.append(f"Incomplete: {done} of {total} points are finished.")
     for name in names[:NAMED]:
         v, unit = data[name].values, data[name].attrs["units"]
-        v, unit = v[np.isfinite(v)], "" if unit in ("", "1") else f" {unit}"
+        v, unit = v[np.isfinite(v)], behind(unit)
         if len(v):
             low, middle, high = np.quantile(v, (0.05, 0.5, 0.95))
             said.append(

@@ -16,7 +16,7 @@ from hbbogie.model.system import System
 from hbbogie.plot.curves import pieces
 from hbbogie.results import Branch, Equilibria, Orbit
 from hbbogie.results.failure import FAILURES
-from hbbogie.units import readable
+from hbbogie.units import behind, readable
 
 RAISED = 0.1  # share by which a parameter is raised in a sentence on what it moves
 FELT = 1e-3  # smallest elasticity worth a sentence
@@ -126,7 +126,7 @@ def influence_sentences(system: System, found: Sequence[Critical]) -> tuple[str,
             if abs(first.elasticities[n]) <= FELT:
                 continue
             change = _signed(factor * RAISED * first.elasticities[n] * first.value)
-            by = f"by {change}{'' if unit in ('', '1') else ' ' + unit}"
+            by = f"by {change}{behind(unit)}"
             moved.append(f"{system.naming.plain(n)} by {RAISED * 100:.0f} % moves it {by}")
         if moved:
             begin = f"The {what} is at {_at(system, first.parameter, first.value)}. To first order, raising "
@@ -170,8 +170,7 @@ def _at(system: System, name: str, value: float, digits: int = 4) -> str:
 def _number(system: System, name: str, value: float, digits: int = 4) -> str:
     """Return a value with its unit."""
     factor, unit = readable(system.parameter(name).unit, abs(value))
-    text = f"{factor * value + 0.0:.{digits}g}"
-    return text if unit in ("", "1") else f"{text} {unit}"
+    return f"{factor * value + 0.0:.{digits}g}{behind(unit)}"
 
 
 def _between(system: System, name: str, span: Span) -> str:

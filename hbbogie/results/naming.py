@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class Naming:
     def value(self, name: str, number: float, digits: int = 6) -> str:
         """Return a value in words, such as "V = 90 m/s"."""
         unit = self.units.get(name, "")
-        return f"{name} = {number:.{digits}g}{'' if unit in ('', '1') else ' ' + unit}"
+        return f"{name} = {number:.{digits}g}{behind(unit)}"
 
     def values(self, numbers: Mapping[str, float], first: int = 3) -> str:
         """Return values in words, those beyond the first counted only."""

@@ -21,7 +21,7 @@ from hbbogie.results.pictures import draw, page
 from hbbogie.results.signal import Signal, or_output
 from hbbogie.results.stability import Stability
 from hbbogie.results.stored import fields_of, labels_of, pack
-from hbbogie.units import per_second, readable
+from hbbogie.units import behind, per_second, readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -264,7 +264,7 @@ class Orbit:
         found = {}
         for name, own in zip(self.coordinates, self.units, strict=True):
             factor, unit = readable(own, peak := self.amplitude(name))
-            found[name] = f"{factor * peak:.4g}{'' if unit in ('', '1') else ' ' + unit}"
+            found[name] = f"{factor * peak:.4g}{behind(unit)}"
         return found
 
     def __repr__(self) -> str:

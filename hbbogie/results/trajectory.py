@@ -12,7 +12,7 @@ from hbbogie.brief import lines
 from hbbogie.errors import ModelError, named
 from hbbogie.results.naming import NAMELESS, Naming
 from hbbogie.results.pictures import draw, page
-from hbbogie.units import readable
+from hbbogie.units import behind, readable
 
 Array = NDArray[np.float64]
 SHOWN = 8  # coordinates shown at most
@@ -50,7 +50,7 @@ class Trajectory:
         for i, own in enumerate(self.units[:SHOWN]):
             factor, unit = readable(own, float(np.abs(self.q[:, i]).max(initial=0.0)))
             low, high = factor * self.q[:, i].min(), factor * self.q[:, i].max()
-            ranges.append(f"{self.coordinates[i]} {low:.4g} to {high:.4g}{'' if unit in ('', '1') else ' ' + unit}")
+            ranges.append(f"{self.coordinates[i]} {low:.4g} to {high:.4g}{behind(unit)}")
         more = len(self.coordinates) - len(ranges)
         return lines(
             f"Motion of {self.system} at {self.naming.values(self.parameters)}".removesuffix(" at "),
