@@ -79,10 +79,15 @@ def vehicle(bogies: int = 2, creep: str = "she", yaw_dampers: str = "direct", **
     Raises
     ------
     ModelError
-        For another choice.
+        For another choice, and for yaw dampers in series with a spring of which one is zero.
     """
     if bogies not in (1, 2):
         raise ModelError(f"vehicle: bogies = {bogies!r}; give 1 or 2.")
+    if yaw_dampers == "series" and 0 in (parameters.get("kyd"), parameters.get("c1")):
+        raise ModelError(
+            "vehicle: a yaw damper in series with a spring does not act where one of both, kyd or c1, is 0, and its "
+            "stroke is anything; give yaw_dampers = 'none' for failed ones."
+        )
     p = data(creep, yaw_dampers)
     built = car(p) if bogies == 2 else bogie(p, NO_MOTION, NO_MOTION, 1)
     used = [value for name, value in vars(p).items() if bogies == 2 or name not in CAR_BODY]

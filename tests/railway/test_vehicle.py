@@ -53,6 +53,12 @@ def test_failed_yaw_dampers_are_none():
     assert values[0] == pytest.approx(values[1], rel=1e-10)
 
 
+@pytest.mark.parametrize("name", ["kyd", "c1"])
+def test_yaw_dampers_in_series_of_which_a_part_is_missing(name):
+    with pytest.raises(hb.ModelError, match="give yaw_dampers = 'none' for failed ones"):
+        VEHICLE.vehicle(yaw_dampers="series", **{name: 0.0})
+
+
 def test_branches_without_yaw_dampers_begin_and_turn_where_those_of_failed_ones_do():
     """The car body hardly yaws in the critical mode, so that it cannot set the phase."""
     folds = []
