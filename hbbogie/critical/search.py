@@ -214,6 +214,7 @@ class Search:
         if shift and abs(shift.value) <= SMALL * (self.span[1] - self.span[0]):
             error = abs(shift.value) + ROUND_OFF * abs(critical.value)
             status = f"{critical.status}; corrected by {shift.value:.3g} for what {self.harmonics} harmonics leave out"
+            status += "; the cycles next to it are all unstable" if shift.unstable else ""
             return replace(critical, value=critical.value + shift.value, error=error, status=status, apart=shift.apart)
         critical = with_error(self.system, critical, self.harmonics)
         doubt = "" if time_is_over() else self._doubt(critical)

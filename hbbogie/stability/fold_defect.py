@@ -34,10 +34,14 @@ class FoldShift:
         What is to be added to the value of the fold.
     apart : float
         Distance from 1 of the multiplier that meets the trivial one at a fold.
+    unstable : int
+        Number of other multipliers outside the unit circle, beyond that distance. With any, the cycles on both sides
+        of the fold are unstable near it.
     """
 
     value: float
     apart: float
+    unstable: int
 
 
 @door(system=System, orbit=Orbit, parameter=str)
@@ -89,8 +93,11 @@ def fold_shift(system: System, orbit: Orbit, parameter: str) -> FoldShift | None
     for k in range(len(along.matrices) - 1, -1, -1):
         psi[k] = psi[k + 1] @ along.matrices[k]
     defect, slope = _integrals(waveforms, along, psi, place)
-    apart = np.sort(np.abs(np.linalg.eigvals(monodromy) - 1))[1]
-    return FoldShift(float(-defect / slope), float(apart)) if slope and np.isfinite(apart) else None
+    multipliers = np.linalg.eigvals(monodromy)
+    multipliers = multipliers[np.argsort(np.abs(multipliers - 1))]
+    apart = np.abs(multipliers[1] - 1)
+    unstable = (np.abs(multipliers[2:]) > 1 + apart).sum()
+    return FoldShift(float(-defect / slope), float(apart), int(unstable)) if slope and np.isfinite(apart) else None
 
 
 def _integrals(waveforms: Waveforms, along: Transitions, psi: Array, place: int) -> tuple[float, float]:
