@@ -41,6 +41,8 @@ class Spectrum:
         branches cross.
     rate : ndarray, shape (n_states,)
         Scaled rate at the beginning of the period: the direction of the trivial multiplier.
+    transitions : ndarray, shape (N, n_states, n_states), or None
+        Over the intervals, where several multipliers are tiny.
     """
 
     values: Complex
@@ -48,6 +50,7 @@ class Spectrum:
     divergence: float
     singular: float
     rate: Array
+    transitions: Array | None = None
 
     __repr__ = brief
 
@@ -88,7 +91,8 @@ def spectrum_of(line: Linearised) -> Spectrum:
     order = np.argsort(-np.abs(values), kind="stable")
     divergence = float(np.einsum("j,ijkk->", line.equations.gauss.b, line.A))
     values, vectors = values[order].astype(complex), vectors[:, order].astype(complex)
-    return Spectrum(values, vectors, divergence, last.singular, line.rate)
+    several = np.count_nonzero(np.abs(values) < ROUND_OFF) > 1
+    return Spectrum(values, vectors, divergence, last.singular, line.rate, line.transitions if several else None)
 
 
 def log_moduli(transitions: Array) -> tuple[Array, Array]:
