@@ -130,11 +130,13 @@ def log_moduli(transitions: Array) -> tuple[Array, Array]:
         logarithms, signs = np.log(np.abs(diagonals)).sum(axis=0), np.sign(diagonals).prod(axis=0)
         turn = begin.T @ Q
         signs *= np.sign(turn.diagonal())
-        for block in _blocks(logarithms):
-            logarithms[block], signs[block] = _of_block(triangles[:, block, block], turn[block, block])
-        moving = np.abs(logarithms - last) > SETTLED * np.maximum(1.0, np.abs(logarithms))
         tiny = logarithms <= np.log(ROUND_OFF)
-        if not (moving[tiny] if tiny.any() else moving).any():
+        asked = tiny if tiny.any() else np.ones(n, dtype=bool)
+        for block in _blocks(logarithms):
+            if asked[block].any():
+                logarithms[block], signs[block] = _of_block(triangles[:, block, block], turn[block, block])
+        moving = np.abs(logarithms - last) > SETTLED * np.maximum(1.0, np.abs(logarithms))
+        if not moving[asked].any():
             break
         last = logarithms
     return logarithms, signs

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-CHUNK, FEW = 32, 8  # points of one call, and fewer than these are evaluated one by one
+CHUNKS = (64, 8, 1)  # points of one call, the most of which there are as many
 
 
 def at_each(once: Callable[[Any, Callable[[], Any]], Any], function: ca.Function, *given: Array) -> Array:
@@ -25,7 +25,7 @@ def at_each(once: Callable[[Any, Callable[[], Any]], Any], function: ca.Function
     *given : ndarray, shape (M, rows of the argument)
     """
     M, (rows, columns) = len(given[0]), function.size_out(0)
-    chunk = CHUNK if M >= FEW else 1
+    chunk = next((c for c in CHUNKS if c <= M), 1)
     # a key is that of this function for as long as it is kept
     _, evaluated = once(("at each", hash(function), chunk), lambda: (function, _full(function).map(chunk)))
     buffer, run = evaluated.buffer()

@@ -87,7 +87,8 @@ class _OfSeries:
 
     def at(self, tau: Array, derivative: int = 0, of: Places = 0) -> Array:
         # cycles of a branch have many phases in common
-        phases, place = (tau, slice(None)) if isinstance(of, int) else np.unique(tau, return_inverse=True)
+        alone = isinstance(of, int) or len(self.c) == 1
+        phases, place = (tau, slice(None)) if alone else np.unique(tau, return_inverse=True)
         E, out = fourier.synthesis(self.H, phases, derivative)[place], np.empty((len(tau), self.c.shape[2]))
         for k, own in _each(of, len(self.c)):
             out[own] = E[own] @ self.c[k]
