@@ -6,6 +6,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from hbbogie.branches.closed_form import exact_branch, exact_critical, exact_walk
 from hbbogie.branches.collocated import collocated_critical, followed_from
 from hbbogie.branches.continuation import balanced_trace
@@ -32,7 +34,7 @@ ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in 
 APART = 0.01  # share of the interval by which a fold must lie above another one to stay so with more harmonics
 SMALL = 1e-3  # share of the interval up to which what harmonics leave out is corrected for, by which a fold is shifted
 # branches only lead to their folds, each of which is solved for again, and whose multipliers then tell of doubts
-COARSELY: dict[str, Any] = {"tolerance": 1e-7, "doubts": False, "max_points": 1000}
+COARSELY: dict[str, Any] = {"tolerance": 1e-4, "doubts": False, "max_points": 1000}
 RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
 
@@ -206,9 +208,22 @@ class Search:
         """Return why a fold may be none."""
         return "" if self._shift(critical) else doubt_at_fold(self.system, critical.orbit)
 
-    def certified(self, critical: Critical) -> Critical:
+    def certified(self) -> list[Critical]:
+        """Return what was found in increasing order of the value, each as `_certified`.
+
+        Where only the lowest is asked for, folds stay as they are above which no correction leads it.
+        """
+        done, least, reach = list[Critical](), np.inf, SMALL * (self.span[1] - self.span[0])
+        for c in sorted(self.found, key=lambda c: c.value):
+            if c.kind == "fold" and not (self.lowest and c.value > least + reach):
+                c = self._certified(c)
+                least = min(least, c.value)
+            done.append(c)
+        return sorted(done, key=lambda c: c.value)
+
+    def _certified(self, critical: Critical) -> Critical:
         """Return a fold of harmonic balance, corrected, with its error, and a status that says where it is doubtful."""
-        if critical.kind != "fold" or critical.orbit.kept is None or critical.orbit in self.located:
+        if critical.orbit.kept is None or critical.orbit in self.located:
             return critical
         shift = self._shift(critical) if self.corrects and not time_is_over() else None
         if shift and abs(shift.value) <= SMALL * (self.span[1] - self.span[0]):

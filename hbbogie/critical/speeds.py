@@ -122,6 +122,6 @@ def criticals(
     search.look_in_groups([hopf.value for hopf in points])
     if time_is_over() and not search.undecided:
         search.undecided.append("the time limit was reached before all was searched")
-    inside = [search.certified(c) for c in search.found if c.value <= hi]
-    inside = [replace(c, moves=moving_groups(system, c.orbit)) for c in inside]
-    return Criticals(sorted(inside, key=lambda c: c.value), search.evidence, search.undecided, search.branches)
+    search.found = [c for c in search.found if c.value <= hi]
+    found = [replace(c, moves=moving_groups(system, c.orbit)) for c in search.certified()]
+    return Criticals(found, search.evidence, search.undecided, search.branches)

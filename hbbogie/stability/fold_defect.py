@@ -15,12 +15,12 @@ from hbbogie.model.dynamics import state_of
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.stability.multipliers import is_halved
-from hbbogie.stability.transitions import Transitions, product, transitions_along
+from hbbogie.stability.transitions import FIRST, Transitions, product, transitions_along
 from hbbogie.stability.variation import Waveforms, on_lines
 
 Array = NDArray[np.float64]
 STEPS = 1024  # per period, where exponentials would serve for the transitions, but not for the integrals
-PIECES = 32  # of each element, likewise
+PER_WAVE = 12  # intervals for each wave of the highest harmonic
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6
 
 
@@ -74,7 +74,8 @@ def fold_shift(system: System, orbit: Orbit, parameter: str) -> FoldShift | None
     if len(conserved_quantities(system, p, size)):
         return None
     half = is_halved(system, orbit)
-    (along,) = transitions_along(waveforms, STEPS if waveforms.straight else None, half=half, pieces=PIECES)
+    pieces = -(-PER_WAVE * waveforms.H // FIRST)
+    (along,) = transitions_along(waveforms, STEPS if waveforms.straight else None, half=half, pieces=pieces)
     monodromy = (-1.0 if half else 1.0) * product(along.matrices)
     if not np.isfinite(monodromy).all():
         return None
