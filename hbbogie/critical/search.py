@@ -34,7 +34,7 @@ ORDERS = (9, 21)  # highest harmonics with which a branch is followed, tried in 
 APART = 0.01  # share of the interval by which a fold must lie above another one to stay so with more harmonics
 SMALL = 1e-3  # share of the interval up to which what harmonics leave out is corrected for, by which a fold is shifted
 # branches only lead to their folds, each of which is solved for again, and whose multipliers then tell of doubts
-COARSELY: dict[str, Any] = {"tolerance": 1e-4, "doubts": False, "max_points": 1000}
+COARSELY: dict[str, Any] = {"tolerance": 1e-7, "doubts": False, "max_points": 1000}
 RESOLVED, LOST = 0.02, 0.1  # shares of the highest harmonics up to which a branch needs no more, and tells anything
 
 
