@@ -81,9 +81,8 @@ class Sampling:
         slopes = [ca.jacobian(r, s)[:, list(layout.S)] for s in sx[:3]]
         places = [(d, *place) for d in range(3) for place in zip(*slopes[d].sparsity().get_triplet(), strict=True)]
         entries = ca.vertcat(*(slopes[d][i, j] for d, i, j in places))
-        f = ca.Function(
-            "slopes", sx, [entries, ca.densify(ca.vec(ca.jacobian(r, sx[3])[:, list(free)])), ca.jacobian(r, sx[4])]
-        )
+        of_p, of_dt = ca.vec(ca.jacobian(r, sx[3])[:, list(free)]), ca.jacobian(r, sx[4])
+        f = ca.Function("slopes", sx, [entries, ca.densify(of_p), of_dt])
         values, by_p, by_dt = f.map("slopes", "serial", len(tau), [3, 4], [])(*states, p, dt)
         kept, length = fourier.rows_of(layout.kept), np.pi if layout.half else 2 * np.pi
         table = product_table(layout.H, kept, length)
@@ -114,7 +113,7 @@ class Sampling:
                 columns.append(block)
             moving = ca.horzcat(*columns)[:, list(map(int, layout.keep))] if layout.moving else ca.MX(len(kept), 0)
             A = self.projection(len(tau))
-            if layout.moving and f.sparsity_out(2).has_nz(i, 0):
+            if layout.moving and of_dt.sparsity().has_nz(i, 0):
                 d_omega -= ca.mtimes(A, by_dt[i, :].T) * dt / omega
             d_p = [ca.mtimes(A, by_p[k * len(rows) + i, :].T) for k in range(len(free))]
             blocks.append(
