@@ -73,6 +73,8 @@ class Walked:
         Gives the special points at which other branches begin or cross, each with a first guess beyond if there is one.
     vanishing : tuple of Orbit
         Small cycles with which the branch ends at other Hopf points.
+    long : bool
+        Whether it goes on beyond the largest number of points.
     """
 
     said: str
@@ -80,6 +82,7 @@ class Walked:
     cycles: list[Orbit]
     forks: Callable[[], list[SpecialPoint]] = list
     vanishing: tuple[Orbit, ...] = ()
+    long: bool = False
 
     def reaches(self, hopf: SpecialPoint, width: float) -> bool:
         """Tell whether the branch ends at a Hopf point; ``width`` is that of the interval of the parameter."""
@@ -157,7 +160,7 @@ class Walker:
             if walked is None or not any(alike(orbit, other, LIKE) for other in walked.cycles):
                 continue
             best = walked
-            if walked.complete:
+            if walked.complete or walked.long:  # more harmonics would not make it shorter
                 break
         return best or Walked(f"{name} was not followed: {why}", False, [])
 
@@ -237,7 +240,7 @@ class Walker:
         def found() -> list[SpecialPoint]:
             return [*forks_of(equations, branch, self.span), *(fork for other in others for fork in other.forks())]
 
-        return Walked(said, whole, cycles, found, tuple(small))
+        return Walked(said, whole, cycles, found, tuple(small), any(end.kind == "points" for end in branch.ends))
 
     def _astray(self, orbits: Sequence[Orbit]) -> bool:
         """Tell whether the first of the cycles, near the value, are not resolved."""

@@ -61,12 +61,12 @@ def responses(h: Array, integrate: Array, J: Array, right: Array, sparse: bool) 
     rest = np.setdiff1d(np.arange(n), simple)
     m, sums = len(rest), h[:, None, None] * integrate
     by_rest, by_simple = (J[:, :, rest[:, None], states] for states in (rest, simple))
-    M = np.empty((N, stages, m, stages, m))
-    np.multiply(-sums[:, :, None, :, None], by_rest.transpose(0, 2, 1, 3)[:, None], out=M)
+    blocks = np.empty((N, stages, m, stages, m))
+    np.multiply(-sums[:, :, None, :, None], by_rest.transpose(0, 2, 1, 3)[:, None], out=blocks)
     twice = (integrate[:, None] * integrate.T).reshape(-1, stages) @ (by_simple * factor).reshape(N, stages, -1)
     twice = twice.reshape(N, stages, stages, m, -1).transpose(0, 1, 3, 2, 4)
-    M[..., np.searchsorted(rest, of)] -= (h**2)[:, None, None, None, None] * twice
-    M = M.reshape(N, stages * m, stages * m)
+    blocks[..., np.searchsorted(rest, of)] -= (h**2)[:, None, None, None, None] * twice
+    M = blocks.reshape(N, stages * m, stages * m)
     M[:, np.arange(stages * m), np.arange(stages * m)] += 1
     known = sums @ (by_simple @ right[:, :, simple]).reshape(N, stages, -1)
     known = right[:, :, rest] + known.reshape(N, stages, m, columns)
