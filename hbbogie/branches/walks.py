@@ -37,7 +37,7 @@ from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 
 COARSE, FINER = 15, 31  # highest harmonics with which branches are followed
-MOST = 300  # points of a branch from a cycle, to either side
+MOST = 120  # points of a branch from a cycle, to either side
 MOST_HARMONICS = 63  # with which a branch of several times the period is followed
 # cycles at the value are solved for again, and folds are not asked for
 COARSELY: dict[str, Any] = {"tolerance": 1e-7, "doubts": False}
@@ -73,8 +73,6 @@ class Walked:
         Gives the special points at which other branches begin or cross, each with a first guess beyond if there is one.
     vanishing : tuple of Orbit
         Small cycles with which the branch ends at other Hopf points.
-    long : bool
-        Whether it goes on beyond the largest number of points.
     """
 
     said: str
@@ -82,7 +80,6 @@ class Walked:
     cycles: list[Orbit]
     forks: Callable[[], list[SpecialPoint]] = list
     vanishing: tuple[Orbit, ...] = ()
-    long: bool = False
 
     def reaches(self, hopf: SpecialPoint, width: float) -> bool:
         """Tell whether the branch ends at a Hopf point; ``width`` is that of the interval of the parameter."""
@@ -160,7 +157,7 @@ class Walker:
             if walked is None or not any(alike(orbit, other, LIKE) for other in walked.cycles):
                 continue
             best = walked
-            if walked.complete or walked.long:  # more harmonics would not make it shorter
+            if walked.complete:
                 break
         return best or Walked(f"{name} was not followed: {why}", False, [])
 
@@ -240,7 +237,7 @@ class Walker:
         def found() -> list[SpecialPoint]:
             return [*forks_of(equations, branch, self.span), *(fork for other in others for fork in other.forks())]
 
-        return Walked(said, whole, cycles, found, tuple(small), any(end.kind == "points" for end in branch.ends))
+        return Walked(said, whole, cycles, found, tuple(small))
 
     def _astray(self, orbits: Sequence[Orbit]) -> bool:
         """Tell whether the first of the cycles, near the value, are not resolved."""

@@ -25,7 +25,7 @@ MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the mem
 NEWTON_STEPS = 3  # Newton steps for the time of a jump inside a step, starting from linear interpolation
 BRIEF = 2000  # largest number of CVODES steps between two samples in `states_after`
 TOO_LARGE = 1e12  # no state of a physical model is larger
-PART, MOST_PARTS = 1.0, 16  # product of fixed steps and the fastest rate, and steps between two samples at most
+PART, MOST_PARTS = 0.6, 16  # product of fixed steps and the fastest rate, and steps between two samples at most
 
 
 @door(system=System)
