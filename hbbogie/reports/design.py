@@ -27,7 +27,7 @@ from hbbogie.reports.report import Report
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,12 +140,12 @@ def _both(design: Design) -> tuple[tuple[str, DesignPoint], ...]:
 
 def _sentences(design: Design, unit: str) -> tuple[str, ...]:
     before, after = design.before.value, design.after.value
-    gain = f"The critical value of {design.before.parameter} goes from {before:.6g} to {after:.6g} {unit}".rstrip()
-    more = f"{100 * (after / before - 1):.3g} %" if min(before, after) > 0 else f"{after - before:.4g} {unit}".rstrip()
+    gain = f"The critical value of {design.before.parameter} goes from {before:.6g} to {after:.6g}{behind(unit)}"
+    more = f"{100 * (after / before - 1):.3g} %" if min(before, after) > 0 else f"{after - before:.4g}{behind(unit)}"
     first = f"{gain}, by {more}."
     low = [f"{n} ({w:.3g})" for n, w in design.weights.items()]
     other = design.objective.name, design.objective.unit
-    ends = f"{design.value_before:.6g} to {design.value:.6g} {other[1]}".rstrip()
+    ends = f"{design.value_before:.6g} to {design.value:.6g}{behind(other[1])}"
     return (
         first,
         *([f"What was asked for, {other[0]}, goes from {ends}."] if other[0] != CriticalValue.name else []),
@@ -242,7 +242,7 @@ def robust_table(design: Design, uncertain: Uncertainty, drawn: dict[str, MonteC
             share = drawn[when].probability_below(service) if service is not None else (None,) * 3
             text = f"Monte Carlo, {len(known)} designs"
             rows.append((when, text, float(known.mean()), float(known.std(ddof=1)), *share))
-    at = f"probability below {service:g} {unit}".rstrip() if service is not None else "probability"
+    at = f"probability below {service:g}{behind(unit)}" if service is not None else "probability"
     columns = ("design", "method", label("mean", unit), label("deviation", unit), at)
     failed = sum(m.failed for m in drawn.values())
     notes = (
