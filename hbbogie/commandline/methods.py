@@ -18,6 +18,7 @@ from hbbogie.commandline.application import (
     Overrides,
     ParameterName,
     Problem,
+    Workers,
     command,
     do,
 )
@@ -109,6 +110,7 @@ def critical(
     "hbbogie chart yang1995 --over lam 0.02 0.3",
     "hbbogie chart yang1995 --over K1 1e6 6e6 --set lam=0.1 --json",
     "hbbogie chart bautin --parameter mu --over a 0.1 1",
+    "hbbogie chart vehicle --over lam 0.05 0.4 --range 20 110 --workers 2",
 )
 def chart(
     name: Problem,
@@ -124,6 +126,7 @@ def chart(
         bool,
         typer.Option("--secondary", help="Look for folds also beside an equilibrium that is unstable on both sides."),
     ] = False,
+    workers: Workers = 1,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -135,7 +138,7 @@ def chart(
     options = {"parameter": parameter, "span": interval, "harmonics": harmonics, "secondary": secondary}
     options["method"] = method or "auto"
     job = functools.partial(chart_of, over=second, interval=(low, high), **options)  # type: ignore[arg-type]
-    do(name, overrides, output, as_json, job)
+    do(name, overrides, output, as_json, job, workers=workers)
 
 
 @command(
