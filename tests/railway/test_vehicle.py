@@ -53,6 +53,30 @@ def test_failed_yaw_dampers_are_none():
     assert values[0] == pytest.approx(values[1], rel=1e-10)
 
 
+def at_rear(system, share):
+    """Return the rates of a state at which the yaw dampers of the rear frame blow off, and those of the front do not."""
+    x = np.zeros(system.n_states)
+    names = [c.name for c in system.coordinates]
+    x[names.index("pb2")], x[names.index("p2")] = 0.004, 0.001
+    x[system.n + names.index("pb2")], x[system.n + names.index("pb1")] = share, 0.01
+    return system.ode(x, system.vector()).full().ravel()
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5])
+@pytest.mark.parametrize("yaw_dampers", ["direct", "series"])
+def test_one_yaw_damper_of_two_is_two_of_half_the_force(yaw_dampers, share):
+    half = {"c1": 100e3, "Fb": 3e3, "c2": 5e3} | ({"kyd": 2.5e6} if yaw_dampers == "series" else {})
+    one = VEHICLE.vehicle(yaw_dampers=yaw_dampers, yd1=1, yd2=1)
+    np.testing.assert_allclose(
+        at_rear(one, share), at_rear(VEHICLE.vehicle(yaw_dampers=yaw_dampers, **half), share), rtol=1e-12, atol=1e-9
+    )
+    values = [
+        [h.value for h in hb.hopf_points(VEHICLE.vehicle(**made), "V", (60.0, 90.0))]
+        for made in ({"yd1": 0, "yd2": 0}, {"yd1": 0, "yd2": 0, "yaw_dampers": "series"}, {"yaw_dampers": "none"})
+    ]
+    assert values[1] == pytest.approx(values[0], rel=1e-10) and values[2] == pytest.approx(values[0], rel=1e-10)
+
+
 def test_branches_without_yaw_dampers_begin_and_turn_where_those_of_failed_ones_do():
     """The car body hardly yaws in the critical mode, so that it cannot set the phase."""
     folds = []
