@@ -322,8 +322,7 @@ HARMONICS, RESOLVED, JUDGED = 9, 31, 24  # along the branches, where they are ju
 
 def study(system: System, progress: Callable[[str, float | None], None]) -> Report:
     """Return the critical speeds, and the branch of each attractor with the stability of its cycles."""
-    progress("critical speeds", None)
-    found = hb.critical_speeds(system, PARAMETER, RANGE)
+    found = hb.critical_speeds(system, PARAMETER, RANGE, progress=progress)
     attractors = [(moves or "all", fold) for moves, fold in found.lowest.items()]
     judged = each(_attractor, (system, list(found.branches)), attractors, progress, "branches of the attractors")
     branches = {moves: branch for (moves, _), branch in zip(attractors, judged, strict=True)}

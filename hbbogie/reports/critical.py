@@ -54,8 +54,7 @@ def critical_of(
     """
     name, own = default_interval(module, system, parameter)
     span = interval or own
-    progress(f"critical values of {name}", None)
-    searched = critical_speeds(system, name, span, method=method)
+    searched = critical_speeds(system, name, span, method=method, progress=progress)
     rounded = (_rounded(c, ZERO * (span[1] - span[0])) for c in searched)
     found = Criticals(rounded, searched.evidence, searched.undecided, searched.branches)
     missing = [f"Not searched to its end: {sentence}." for sentence in searched.undecided]

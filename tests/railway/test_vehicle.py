@@ -54,7 +54,7 @@ def test_failed_yaw_dampers_are_none():
 
 
 def at_rear(system, share):
-    """Return the rates of a state at which the yaw dampers of the rear frame blow off, and those of the front do not."""
+    """Return the rates of a state at which the yaw dampers blow off, or do not for a small share."""
     x = np.zeros(system.n_states)
     names = [c.name for c in system.coordinates]
     x[names.index("pb2")], x[names.index("p2")] = 0.004, 0.001
