@@ -26,6 +26,7 @@ from hbbogie.stability.multipliers import floquet
 from hbbogie.units import behind, label
 
 SHOWN = 12  # bars of the tornado chart
+MANY = 4  # critical values of which all have bars
 LEAST = 1e-9  # elasticity that is shown
 ZERO = 1e-12  # share of the range below which a critical value is 0 but for round-off
 
@@ -273,14 +274,22 @@ def _gradients(system: System, found: list[Critical], unit: str) -> Table:
     return Table("gradients", "Gradients and elasticities", tuple(columns), tuple(rows), formats, tuple(notes))
 
 
-def _bars(found: list[Critical], system: System) -> Figures:
-    """Return the figure of the elasticities of the most influential parameters; none where all are zero."""
-    found = [c for c in found if c.gradient and c.value]
+def _bars(searched: Criticals, system: System) -> Figures:
+    """Return the figure of the elasticities of the most influential parameters; none where all are zero.
+
+    Of many critical values it shows the lowest fold of each set of groups that move, and the first Hopf point.
+    """
+    first_hopf = next((c for c in searched if c.kind == "hopf"), None)
+    kept = [*searched.lowest.values(), *([first_hopf] if first_hopf else [])] if len(searched) > MANY else searched
+    found = [c for c in kept if c.gradient and c.value]
     names = [n for n in _ranked(found)[:SHOWN] if any(abs(c.elasticities[n]) > LEAST for c in found)]
     if not names:
         return {}
     parameter, plain = found[0].parameter, [system.naming.plain(n) for n in names]
     bars = {
-        f"{_kind(c)} at {system.naming.value(parameter, c.value, 5)}": [c.elasticities[n] for n in names] for c in found
+        f"{_kind(c)} at {system.naming.value(parameter, c.value, 5)}{f' ({c.moves})' if c.moves else ''}": [
+            c.elasticities[n] for n in names
+        ]
+        for c in found
     }
     return {"tornado": partial(draw, "tornado", plain, bars, parameter=parameter, title=system.name)}
