@@ -166,6 +166,7 @@ DesignFile = Annotated[
 @command(
     "hbbogie design yang1995_design",
     "hbbogie design vehicle_design --samples 0",
+    "hbbogie design vehicle_design --quantile 0.05",
     "hbbogie design problems/yang1995_design.py --starts 4",
     "hbbogie design yang1995_design --robust 2 --set lam=0.06 --json",
 )
@@ -178,12 +179,23 @@ def design(
         float | None,
         typer.Option(metavar="K", help="Raise the mean minus K standard deviations of the critical value."),
     ] = None,
+    quantile: Annotated[
+        float | None, typer.Option(metavar="Q", help="Raise the Q-quantile over random designs, such as 0.05.")
+    ] = None,
+    designs: Annotated[
+        int | None, typer.Option(metavar="N", help="Random designs of --quantile; 10,000 in closed form, else 32.")
+    ] = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Choose parameters for the highest critical value under limits, and check the optimum."""
+    """Choose parameters for the highest critical value under limits, and check the optimum.
+
+    Ctrl-C ends the search and writes the best design so far.
+    """
     from hbbogie.reports.design import design_of
 
-    job = functools.partial(design_of, starts=starts, seed=seed, samples=samples, robust=robust)
+    job = functools.partial(
+        design_of, starts=starts, seed=seed, samples=samples, robust=robust, quantile=quantile, designs=designs
+    )
     do(name, overrides, output, as_json, job)

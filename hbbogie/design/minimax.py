@@ -85,6 +85,8 @@ class Minimum(Generic[T]):
     status : str
     history : list of tuple
         Largest function, violation and radius at each iteration.
+    interrupted : bool
+        Whether the search was ended by `KeyboardInterrupt`, with the best point so far.
     """
 
     x: Array
@@ -95,6 +97,7 @@ class Minimum(Generic[T]):
     converged: bool
     status: str
     history: list[tuple[float, float, float]] = field(default_factory=list)
+    interrupted: bool = False
 
     __repr__ = brief
 
@@ -113,7 +116,7 @@ def minimise_largest(
     ----------
     evaluate : callable
         (x, data kept at a nearby point) -> Sample. It raises `ConvergenceError` or another numerical error if it fails,
-        which shortens the step.
+        which shortens the step, and `KeyboardInterrupt` to end the search with the best point so far.
     x : ndarray, shape (n,)
         Where the search begins.
     near : object, optional
@@ -140,32 +143,23 @@ def minimise_largest(
     radius, penalty = 0.2, PENALTY
     B = rest = np.zeros((len(x), len(x)))
     history: list[tuple[float, float, float]] = []
-    status = f"not converged after {iterations} iterations"
+    status, interrupted = f"not converged after {iterations} iterations", False
     for _ in range(iterations):
         history.append((here.largest, here.violation, radius))
-        step = _step(here, B, x, radius, penalty)
-        if step.slack > 1e-12:
-            # the weight is large enough if a step removes half of the violation that can be removed within the region
-            least = _step(here, B, x, radius, HIGHEST).slack
-            if here.violation > tolerance and here.violation - least <= STATIONARY * here.violation:
-                status = f"ended after {len(history)} iterations: the constraints nearby contradict each other"
-                break
-            while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
-                penalty *= 10
-                step = _step(here, B, x, radius, penalty)
+        step, penalty, least = _weighted(here, B, x, radius, penalty)
+        stuck = here.violation - least <= STATIONARY * here.violation
+        if step.slack > 1e-12 and here.violation > tolerance and stuck:
+            status = f"ended after {len(history)} iterations: the constraints nearby contradict each other"
+            break
         residual = float(np.abs(_projected(here, step, x)).max())
         if residual <= tolerance and here.violation <= tolerance:
             return _minimum(here, step, x, residual, True, f"converged in {len(history)} iterations", history)
         expected = here.largest + penalty * here.violation - step.model
-        there = _tried(evaluate, x + step.d, here.point)
-        gain = -np.inf if there is None else here.largest - there.largest + penalty * (here.violation - there.violation)
-        if there is not None and gain < ACCEPTED * expected:
-            second = _step(here, B, x, radius, penalty, _corrected(here, there, step.d))
-            again = _tried(evaluate, x + second.d, here.point)
-            if again is not None:
-                better = here.largest - again.largest + penalty * (here.violation - again.violation)
-                if better > gain:
-                    step, there, gain = second, again, better
+        try:
+            step, there, gain = _best_tried(evaluate, here, B, x, radius, penalty, step, expected)
+        except KeyboardInterrupt:
+            status, interrupted = f"was interrupted in iteration {len(history)}; this is the best design so far", True
+            break
         length = float(np.abs(step.d).max())
         if there is not None and abs(expected) <= ROUND_OFF * max(1.0, abs(here.largest)):
             gain = expected  # too small to be measured, so accept the step, which improves the optimality conditions
@@ -189,7 +183,48 @@ def minimise_largest(
         status += f"; {worst}, is violated by {here.c[worst]:.2g} of its size"
     step = _step(here, B, x, SHORTEST, penalty)
     residual = float(np.abs(_projected(here, step, x)).max())
-    return _minimum(here, step, x, residual, False, status, history)
+    return _minimum(here, step, x, residual, False, status, history, interrupted)
+
+
+def _weighted(here: Sample[Any], B: Array, x: Array, radius: float, penalty: float) -> tuple[_Step, float, float]:
+    """Return a step, the penalty, and the least violation within the region.
+
+    The penalty is large enough if a step removes half of the violation that can be removed within the region.
+    """
+    step = _step(here, B, x, radius, penalty)
+    if step.slack <= 1e-12:
+        return step, penalty, 0.0
+    least = _step(here, B, x, radius, HIGHEST).slack
+    while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
+        penalty *= 10
+        step = _step(here, B, x, radius, penalty)
+    return step, penalty, least
+
+
+def _best_tried(
+    evaluate: Callable[[Array, T | None], Sample[T]],
+    here: Sample[T],
+    B: Array,
+    x: Array,
+    radius: float,
+    penalty: float,
+    step: _Step,
+    expected: float,
+) -> tuple[_Step, Sample[T] | None, float]:
+    """Return a step, or a corrected one where this is not good enough, with what is there and how much it gains."""
+
+    def gained(there: Sample[T] | None) -> float:
+        if there is None:
+            return -np.inf
+        return here.largest - there.largest + penalty * (here.violation - there.violation)
+
+    there = _tried(evaluate, x + step.d, here.point)
+    gain = gained(there)
+    if there is None or gain >= ACCEPTED * expected:
+        return step, there, gain
+    second = _step(here, B, x, radius, penalty, _corrected(here, there, step.d))
+    again = _tried(evaluate, x + second.d, here.point)
+    return (second, again, gained(again)) if gained(again) > gain else (step, there, gain)
 
 
 def _tried(evaluate: Callable[[Array, T | None], Sample[T]], x: Array, near: T) -> Sample[T] | None:
@@ -331,8 +366,10 @@ def _minimum(
     converged: bool,
     status: str,
     history: list[tuple[float, float, float]],
+    interrupted: bool = False,
 ) -> Minimum[T]:
     g = _lagrangian(here, step.weights)
     g = np.zeros(len(x)) if g is None else g
     at_bound = ((x <= 1e-9) | (x >= 1 - 1e-9)) & (np.abs(g) > 1e-8)
-    return Minimum(x, here, step.weights, np.where(at_bound, -g, 0.0), residual, converged, status, history)
+    bounds = np.where(at_bound, -g, 0.0)
+    return Minimum(x, here, step.weights, bounds, residual, converged, status, history, interrupted)

@@ -71,6 +71,10 @@ class DesignPoint:
         Their names, such as "fold 1". A fold keeps its name from design to design.
     kept : dict
         Cycles computed at this design, by the quantity that needed them.
+    random : dict
+        Random designs about this one, solved for, by the quantity that needed them.
+    searched : bool
+        Whether all branches were traced here, rather than folds followed.
     """
 
     system: System
@@ -80,6 +84,8 @@ class DesignPoint:
     critical: tuple[Critical, ...]
     names: tuple[str, ...]
     kept: dict[Any, Orbit] = field(default_factory=dict)
+    random: dict[Any, tuple[DesignPoint | float, ...]] = field(default_factory=dict)
+    searched: bool = False
 
     __repr__ = brief
 
@@ -152,8 +158,8 @@ def design_point(
         raise ConvergenceError(f"the {first.kind} at {parameter} = {first.value:g} has no gradient: {first.status}")
     kept = [(name, c) for name, c in kept if c.gradient]
     names, critical = tuple(name for name, _ in kept), tuple(c for _, c in kept)
-    cycles = {} if near is None or anew else dict(near.kept)
-    return DesignPoint(system, equations, parameter, interval, critical, names, cycles)
+    cycles, random = ({} if near is None or anew else dict(near.kept)), ({} if near is None else dict(near.random))
+    return DesignPoint(system, equations, parameter, interval, critical, names, cycles, random, near is None or anew)
 
 
 def _followed(near: DesignPoint, system: System, harmonics: int) -> tuple[dict[str, Critical], bool]:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.design.criteria import CriticalValue
+from hbbogie.design.criteria import CriticalValue, Quantity
 from hbbogie.design.optimisation import Design, optimise
 from hbbogie.design.point import DesignPoint
+from hbbogie.design.quantile import SampledQuantile
 from hbbogie.design.robust import RobustValue, Uncertainty, predicted, predicted_below, spreads
 from hbbogie.design.samples import MonteCarlo, monte_carlo
 from hbbogie.equilibria.hopf import hopf_points
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+VALUES = "optimum.toml"  # as --values takes them
 CAPTION = "Cycles before and after the change of the design, over the whole range and about the critical values."
 
 
@@ -45,6 +47,8 @@ def design_of(
     seed: int = 0,
     samples: int = 40,
     robust: float | None = None,
+    quantile: float | None = None,
+    designs: int | None = None,
 ) -> Report:
     """Optimise the design of a problem and check it.
 
@@ -62,11 +66,15 @@ def design_of(
         Random designs before and after, for the check of the moments; none where 0.
     robust : float, optional
         Raise the mean minus so many standard deviations instead of the value of the design itself.
+    quantile : float, optional
+        Raise this quantile over random designs, such as 0.05, instead.
+    designs : int, optional
+        Their number, as of `SampledQuantile`.
 
     Raises
     ------
     ModelError
-        When the module has no function ``design``, or is to be robust without UNCERTAIN.
+        When the module has no function ``design``, is to be robust without UNCERTAIN, or in both ways.
     """
     where = f"problem {getattr(module, '__file__', None) or module.__name__!r}"
     if not callable(getattr(module, "design", None)):
@@ -81,25 +89,25 @@ def design_of(
     }
     uncertain: Uncertainty | None = getattr(module, "UNCERTAIN", None)
     unit = system.parameter(task["raise_"]).unit
-    if robust is not None:
-        if uncertain is None:
-            raise ModelError(
-                f"{where} has no UNCERTAIN, an Uncertainty of its parameters, which a robust design needs."
-            )
-        task["maximise"] = RobustValue(uncertain, robust, unit)
+    if (asked := _robust(where, uncertain, robust, quantile, designs, seed, unit)) is not None:
+        task["maximise"] = asked
     design = optimise(system, progress=progress, **task)
     tables = [parameter_table(design), critical_table(design), limit_table(design), active_table(design)]
-    branches = {k: _branch(p, progress, k) for k, p in (("before", design.before), ("after", design.after))}
-    tables.append(check_table(design, task, progress))
+    branches: dict[str, Branch | None] = {}
+    if not design.interrupted:
+        branches = {k: _branch(p, progress, k) for k, p in _both(design)}
+        tables.append(check_table(design, task, progress))
     notes = _sentences(design, unit)
-    figures: dict[str, Callable[[], Figure]] = {"bifurcation": partial(_bifurcation, branches, design)}
+    figures: dict[str, Callable[[], Figure]] = {}
+    if branches:
+        figures["bifurcation"] = partial(_bifurcation, branches, design)
     if design.active:
         figures["gains"] = partial(_gains, design)
     data = {"value_before": design.value_before, "value": design.value, "parameters": design.parameters}
     data |= {"residual": design.residual, "converged": design.converged, "weights": design.weights}
     if len(design.starts) > 1:
         tables.append(start_table(design))
-    if uncertain is not None and samples:
+    if uncertain is not None and samples and not design.interrupted:
         service = getattr(module, "SERVICE", None)
         drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in _both(design)}
         tables.append(robust_table(design, uncertain, drawn, service))
@@ -118,8 +126,34 @@ def design_of(
         summary=(notes[0], *_moved(design)),
         about=(f"The design with the highest critical {name} under the limits of the problem.",),
         captions={"bifurcation": CAPTION},
+        texts={VALUES: "".join(f"{n} = {v!r}\n" for n, v in design.parameters.items())},
         inputs=(Table("over", "Parameters that may change", columns, tuple(over), ("", "", ".5g", ".5g", "")),),
     )
+
+
+def _robust(
+    where: str,
+    uncertain: Uncertainty | None,
+    robust: float | None,
+    quantile: float | None,
+    designs: int | None,
+    seed: int,
+    unit: str,
+) -> Quantity | None:
+    """Return the quantity that a robust design raises; None where none is asked for."""
+    if robust is None and quantile is None:
+        if designs is not None:
+            raise ModelError(
+                f"designs={designs} (--designs) belongs to a quantile; give one with quantile= (--quantile)."
+            )
+        return None
+    if uncertain is None:
+        raise ModelError(f"{where} has no UNCERTAIN, an Uncertainty of its parameters, which a robust design needs.")
+    if quantile is None and robust is not None and designs is None:
+        return RobustValue(uncertain, robust, unit)
+    if quantile is None or robust is not None:
+        raise ModelError("give either robust= (--robust), or quantile= (--quantile) with designs= (--designs).")
+    return SampledQuantile(uncertain, quantile, designs, seed, unit)
 
 
 def _moved(design: Design) -> tuple[str, ...]:

@@ -143,10 +143,13 @@ def test_a_sampled_quantile_in_closed_form():
     """The fold -a^2 x^2 / 4: SciPy's quantile of Harrell and Davis of the true values; its derivative is 2 v / a."""
     system = hb.load_problem("bautin").bautin(a=1.5)
     point, uncertain = design_point(system, "mu", (-2.5, 0.5), 3), Uncertainty({"a": stats.norm(1, 0.1)})
-    (row,) = SampledQuantile(uncertain, 0.1, 30, seed=2).rows(point)
-    true = -((1.5 * uncertain.sample(30, np.random.default_rng(2))[:, 0]) ** 2) / 4
+    row, *others = SampledQuantile(uncertain, 0.1, 30, seed=2).rows(point)
+    true = -((1.5 * uncertain.evenly(30, 2)[:, 0]) ** 2) / 4
     assert row.value == pytest.approx(float(stats.mstats.hdquantiles(true, [0.1])[0]), rel=1e-8)
-    assert row.gradient[system.parameter_names.index("a")] == pytest.approx(2 * row.value / 1.5, rel=1e-6)
+    for other in (row, *others):  # homogeneous of degree 2 in a, whichever values count
+        assert other.value >= row.value
+        assert other.gradient[system.parameter_names.index("a")] == pytest.approx(2 * other.value / 1.5, rel=1e-6)
+        assert other.hessian(["a"])[0, 0] == pytest.approx(2 * other.value / 1.5**2, rel=0.02)  # of those that count
 
 
 def test_a_sampled_optimum_in_closed_form():
@@ -160,7 +163,7 @@ def test_a_sampled_optimum_in_closed_form():
     found = hb.optimise(
         system, raise_="mu", over={"s": (0.1, 1.5)}, maximise=quantile, interval=(-3.0, 3.0), harmonics=3
     )
-    Q = float(stats.mstats.hdquantiles(uncertain.sample(6, np.random.default_rng(1))[:, 0], [0.9])[0])
+    Q = float(stats.mstats.hdquantiles(uncertain.evenly(6, 1)[:, 0], [0.9])[0])
     assert found.converged and found.parameters["s"] == pytest.approx(1 / Q, rel=1e-4)
     assert found.value == pytest.approx(1 / Q, rel=1e-6)
 
@@ -173,13 +176,13 @@ def test_random_bogies_are_solved_for_in_batches(bogie, point):
     found = hb.critical_speeds_of(bogie, designs, interval=(60.0, 190.0))
     np.testing.assert_allclose(drawn.values, found.critical, rtol=1e-10)
     quantile, h = SampledQuantile(uncertain, 0.2, 24, seed=4), 1e-4
-    (row,) = quantile.rows(point)
+    row = quantile.rows(point)[0]
     assert np.sort(drawn.values)[0] < row.value < np.median(drawn.values)
     for name in ("K1", "b"):  # one that is uncertain, one that is not
         sides = []
         for sign in (1, -1):
             system = bogie.with_parameters(**{name: bogie.values[name] * (1 + sign * h)})
-            sides += [r.value for r in quantile.rows(design_point(system, "V", (60.0, 190.0), near=point))]
+            sides.append(quantile.rows(design_point(system, "V", (60.0, 190.0), near=point))[0].value)
         slope = row.gradient[bogie.parameter_names.index(name)] * bogie.values[name]
         assert (sides[0] - sides[1]) / (2 * h) == pytest.approx(slope, rel=1e-5, abs=1e-5)
 
