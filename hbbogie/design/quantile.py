@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import pairwise
 
@@ -23,7 +23,8 @@ from hbbogie.results import Critical
 Array = NDArray[np.float64]
 MANY, FEW = 10_000, 32  # random designs in closed form, and of other systems, where no count is given
 LEAST = 0.01  # weight from which a random design counts for curvature, for what may become lower, and is searched anew
-OTHERS = 10  # largest number of selections besides the present one
+ORDERS = 100  # largest number of orders that are kept
+OTHERS = 12  # largest number of selections besides the present one
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class SampledQuantile:
 
     Where two values change places, or another critical value of a random design becomes its smallest, the quantile has
     a kink, on which the best design often lies. The rows are therefore the present selection, which is the smallest of
-    all, and those near by that may become smaller.
+    all, and those that may become smaller: neighbours exchanged, earlier orders, another critical value.
 
     Outside closed form each random design is followed from step to step. Where `optimise` searches anew, at the end,
     all branches of those that count are traced.
@@ -69,6 +70,7 @@ class SampledQuantile:
     seed: int = 0
     unit: str = ""
     progress: Progress = silent
+    _seen: list[Array] = field(default_factory=list, init=False)  # weights of the random designs at earlier designs
 
     __repr__ = brief
 
@@ -119,6 +121,12 @@ class SampledQuantile:
                 swapped[[a, b]] = shares[[b, a]]
                 name = f"{self.name}, random designs {a} and {b} exchanged"
                 others.append(row(name, swapped, float(swapped @ values), swapped @ gradients))
+        for n, earlier in enumerate(self._seen):
+            if float(earlier @ values) > base.value:
+                name = f"{self.name}, random designs in order {n + 1}"
+                others.append(row(name, earlier, float(earlier @ values), earlier @ gradients))
+        if len(self._seen) < ORDERS and not any(np.array_equal(shares, earlier) for earlier in self._seen):
+            self._seen.append(shares)
         for d, there in solved.items():
             if isinstance(there, DesignPoint) and shares[d] > LEAST:
                 for k, c in enumerate(there.critical[1:], 1):

@@ -168,6 +168,31 @@ def test_a_sampled_optimum_in_closed_form():
     assert found.value == pytest.approx(1 / Q, rel=1e-6)
 
 
+def test_evenly_spread_factors():
+    """The mean of 256 normal factors misses the true one by far less than 1 / 16 of their deviation; so correlated."""
+    C = np.array([[1.0, 0.6], [0.6, 1.0]])
+    pair = {"a": stats.norm(1, 0.1), "b": stats.norm(1, 0.2)}
+    for uncertain in (Uncertainty(pair), Uncertainty(pair, C)):
+        x = uncertain.evenly(256, seed=1)
+        np.testing.assert_allclose(x.mean(axis=0), 1.0, atol=0.1 / 160)
+        correlation = 0.0 if uncertain.correlation is None else 0.6
+        assert np.corrcoef(x.T)[0, 1] == pytest.approx(correlation, abs=0.02)
+
+
+def test_the_best_quantile_lies_where_two_random_designs_are_equal():
+    """The critical value s e + (1 - s) (2 - e) is 1 for every e at s = 1/2, and for some e lower on either side."""
+    x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.0)
+    s, e = hb.Parameter("s", 0.3), hb.Parameter("e", 1.0)
+    rate = mu - s * e - (1 - s) * (2 - e) - x**2 - y**2
+    system = hb.System("crossing", [x, y], [mu, s, e], [x.dot - rate * x + y, y.dot - rate * y - x])
+    quantile = SampledQuantile(Uncertainty({"e": stats.uniform(0.5, 1.0)}), 0.1, 4, seed=1)
+    found = hb.optimise(
+        system, raise_="mu", over={"s": (0.1, 0.9)}, maximise=quantile, interval=(-3.0, 3.0), harmonics=3
+    )
+    assert found.converged and found.parameters["s"] == pytest.approx(0.5, abs=1e-6)
+    assert found.value == pytest.approx(1.0, rel=1e-8) and len(found.weights) >= 2
+
+
 def test_random_bogies_are_solved_for_in_batches(bogie, point):
     """SOLVER: as by the function for many designs; ORDER: the gradient of the quantile by central differences."""
     uncertain = Uncertainty(FACTORS)
@@ -190,6 +215,13 @@ def test_random_bogies_are_solved_for_in_batches(bogie, point):
 def test_wrong_input(point):
     with pytest.raises(hb.ModelError, match="names no parameter"):
         Uncertainty({})
+    with pytest.raises(hb.ModelError, match="factor of 'a' is 'normal'; give a frozen distribution"):
+        Uncertainty({"a": "normal"})
+    with pytest.raises(hb.ModelError, match="finite number of standard deviations"):
+        RobustValue(Uncertainty(FACTORS), float("nan"))
+    for quantity in (RobustValue, SampledQuantile):  # a stiffness of less than nothing
+        with pytest.raises(hb.ModelError, match=r"'K1' takes it from -.* but its bounds are"):
+            quantity(Uncertainty({"K1": stats.norm(1, 0.5)})).rows(point)
     with pytest.raises(hb.ModelError, match="'a' has no finite moments"):
         Uncertainty({"a": stats.cauchy()})
     with pytest.raises(hb.ModelError, match="normal factors"):
