@@ -9,7 +9,6 @@ from .cycle_criteria import RootMeanSquare as RootMeanSquare
 from .identification import Identification as Identification
 from .identification import identify as identify
 from .minimax import Minimum as Minimum
-from .minimax import Sample as Sample
 from .minimax import minimise_largest as minimise_largest
 from .misfit import Measured as Measured
 from .misfit import Parametrisation as Parametrisation
@@ -17,6 +16,7 @@ from .optimisation import Design as Design
 from .optimisation import optimise as optimise
 from .point import DesignPoint as DesignPoint
 from .point import design_point as design_point
+from .quadratic_step import Sample as Sample
 from .quantile import SampledQuantile as SampledQuantile
 from .robust import RobustValue as RobustValue
 from .robust import Spread as Spread

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.design.criteria import CriticalValue, Limit, Quantity
-from hbbogie.design.minimax import Minimum, Sample, minimise_largest
+from hbbogie.design.minimax import Minimum, minimise_largest
 from hbbogie.design.point import DesignPoint, Row, design_point
+from hbbogie.design.quadratic_step import Sample
 from hbbogie.design.quantile import SampledQuantile
 from hbbogie.errors import ModelError
 from hbbogie.model.ranges import check_interval
