@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import matplotlib
@@ -252,6 +253,35 @@ def test_interruption():
     run.send_signal(signal.SIGINT)
     out, err = run.communicate(timeout=60)
     assert run.returncode == 130 and out == "" and "interrupted" in err and "Traceback" not in err
+
+
+LONG_SEARCH = """
+from hbbogie import load_problem
+
+PARAMETER, RANGE = "mu", (-1.0, 0.5)
+
+
+def SYSTEM():
+    return load_problem("bautin").bautin(a=1.4)
+
+
+def design(system):
+    return {"over": {"a": (0.2, 2.0), "w0": (0.5, 2.0)}}
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+def test_interruption_of_a_design_keeps_the_best_so_far(tmp_path):
+    """The values that it leaves are those of a system with a higher critical value, -a^2 / 4."""
+    (tmp_path / "search.py").write_text(LONG_SEARCH)
+    run = process("design", str(tmp_path / "search.py"), "--output", str(tmp_path / "out"))
+    while "design 2," not in (line := run.stderr.readline()):
+        assert line or run.poll() is None, "the process ended before its second design"
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130 and "interrupted" in err and "Traceback" not in err
+    values = tomllib.loads((tmp_path / "out" / "optimum.toml").read_text())
+    assert 0.2 <= values["a"] < 1.4
 
 
 def test_figures_are_left_out_or_of_the_form_asked_for(tmp_path):

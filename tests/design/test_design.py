@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 
 import matplotlib
 import numpy as np
@@ -132,6 +133,28 @@ def test_fold_and_hopf_point_equally_low(start):
     assert weights == pytest.approx({"fold": 1 / 3, "Hopf": 2 / 3}, abs=1e-6)
     one = single_level(found.before, found.over)
     assert one.converged and one.value == pytest.approx(found.value, rel=1e-6)
+
+
+def test_ctrl_c_keeps_the_best_design():
+    """What it has is a design that was solved for, better than the first; before there is one, Ctrl-C is Ctrl-C."""
+    system = two_modes(1.7)
+
+    def search(at):
+        def progress(message, fraction):
+            if message.startswith(at):
+                signal.raise_signal(signal.SIGINT)
+
+        over = {"s": (0.0, 2.0)}
+        return hb.optimise(system, raise_="mu", over=over, interval=(-2.0, 5.0), harmonics=3, progress=progress)
+
+    found = search("optimising, design 3")
+    assert found.interrupted and not found.converged and "interrupted" in found.status
+    s = found.parameters["s"]
+    assert found.value_before < found.value == pytest.approx(min(2 * s - 0.25, 3 - s), rel=1e-9)
+    late = search("optimising, searching for all critical values anew")
+    assert late.interrupted and not late.converged and late.value == pytest.approx(3 - 13 / 12, rel=1e-7)
+    with pytest.raises(KeyboardInterrupt):
+        search("searching for the critical values of the design before")
 
 
 def test_a_critical_value_above_the_range_is_the_end_of_the_range():
