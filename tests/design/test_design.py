@@ -165,6 +165,20 @@ def test_a_critical_value_above_the_range_is_the_end_of_the_range():
     )
 
 
+def test_a_fold_to_which_no_hopf_point_leads():
+    """r' = r (-s + mu r^2 - r^4) with s > 0: rest is always stable, and the fold lies at mu = 2 sqrt(s)."""
+    x, y = hb.Coordinate("x"), hb.Coordinate("y")
+    mu, s = hb.Parameter("mu", 1.0), hb.Parameter("s", 0.5)
+    r = x**2 + y**2
+    rate = -s + mu * r - r**2
+    system = hb.System("apart", [x, y], [mu, s], [x.dot - rate * x + y, y.dot - rate * y - x])
+    found = hb.optimise(system, raise_="mu", over={"s": (0.2, 0.9)}, interval=(0.5, 3.0), harmonics=3)
+    assert found.value_before == pytest.approx(2 * np.sqrt(0.5), rel=1e-8)
+    assert found.converged and found.value == pytest.approx(2 * np.sqrt(0.9), rel=1e-8)
+    with pytest.raises(hb.ConvergenceError, match=r"has a cycle at mu = 1\.5 already"):
+        design_point(system, "mu", (1.5, 3.0), 3)
+
+
 def test_a_critical_value_below_the_range_is_refused():
     with pytest.raises(hb.ConvergenceError, match=r"unstable already at mu = 0\.1"):
         hb.optimise(hb.load_problem("bautin").bautin(), raise_="mu", over={"a": (0.5, 2.0)}, interval=(0.1, 0.9))
