@@ -183,7 +183,11 @@ def design(
         float | None, typer.Option(metavar="Q", help="Raise the Q-quantile over random designs, such as 0.05.")
     ] = None,
     designs: Annotated[
-        int | None, typer.Option(metavar="N", help="Random designs of --quantile; 10,000 in closed form, else 32.")
+        int | None, typer.Option(metavar="N", help="Random designs of --quantile; 10,000 in closed form, else 16.")
+    ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where to begin, such as the optimum.toml of a search that was interrupted."),
     ] = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
@@ -193,9 +197,18 @@ def design(
 
     Ctrl-C ends the search and writes the best design so far.
     """
+    from hbbogie.commandline.values import numbers_in
     from hbbogie.reports.design import design_of
 
+    begin = None if start is None else numbers_in(start, "--start")
     job = functools.partial(
-        design_of, starts=starts, seed=seed, samples=samples, robust=robust, quantile=quantile, designs=designs
+        design_of,
+        starts=starts,
+        seed=seed,
+        samples=samples,
+        robust=robust,
+        quantile=quantile,
+        designs=designs,
+        start=begin,
     )
     do(name, overrides, output, as_json, job)

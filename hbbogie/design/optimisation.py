@@ -147,6 +147,7 @@ def optimise(
     minimise: Quantity | None = None,
     interval: tuple[float, float] | None = None,
     harmonics: int = 15,
+    start: Mapping[str, float] | None = None,
     starts: int = 1,
     seed: int = 0,
     iterations: int = 60,
@@ -172,6 +173,8 @@ def optimise(
         without any is the end of the range.
     harmonics : int
         Highest harmonic of the cycles.
+    start : mapping from name to float, optional
+        Where the first search begins, such as an earlier ``Design.parameters``; by default at the original design.
     starts : int
         Number of searches. All but the first begin at a Latin hypercube of designs within the bounds.
     seed : int
@@ -225,14 +228,15 @@ def optimise(
             system, raise_, dict(over), limits, maximise, minimise, interval, harmonics, progress, pressed
         )
         before = task.before()
-        first = (system.vector()[task.places] - task.low) / task.width
+        begin = system.with_parameters(**task.checked(start or {}))
+        first = (begin.vector()[task.places] - task.low) / task.width
         designs = [np.clip(first, 0, 1), *qmc.LatinHypercube(len(task.names), rng=seed).random(starts - 1)]
         found: list[Minimum[DesignPoint]] = []
         told: list[Start] = []
         for k, x in enumerate(designs):
             task.stage = f"start {k + 1} of {starts}" if starts > 1 else "optimising"
             try:
-                best = task.search(x, None if k else before, tolerance, iterations)
+                best = task.search(x, None if k or start else before, tolerance, iterations)
             except FAILURES as error:
                 if starts == 1:
                     raise

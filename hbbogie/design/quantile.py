@@ -21,7 +21,7 @@ from hbbogie.progress import Progress, silent
 from hbbogie.results import Critical
 
 Array = NDArray[np.float64]
-MANY, FEW = 10_000, 32  # random designs in closed form, and of other systems, where no count is given
+MANY, FEW = 10_000, 16  # random designs in closed form, and of other systems, where no count is given
 LEAST = 0.01  # weight from which a random design counts for curvature, for what may become lower, and is searched anew
 ORDERS = 100  # largest number of orders that are kept
 OTHERS = 12  # largest number of selections besides the present one
@@ -40,7 +40,7 @@ class SampledQuantile:
     q : float
         Such as 0.05: the value that is exceeded with a probability of 95 %.
     count : int, optional
-        Random designs; 10,000 in closed form, which take about 20 s of processor time, and else 32.
+        Random designs; 10,000 in closed form, which take about 20 s of processor time, and else 16.
     seed : int
     unit : str
     progress : callable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,7 +14,7 @@ from hbbogie.design.minimax import Minimum, minimise_largest
 from hbbogie.design.point import DesignPoint, Row, design_point
 from hbbogie.design.quadratic_step import Sample
 from hbbogie.design.quantile import SampledQuantile
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, unknown_name
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress
@@ -105,6 +105,15 @@ class DesignTask:
         """Return the parameter values of a point of the unit cube, exact at the bounds."""
         p = np.where(x >= 1, self.high, self.low + self.width * np.clip(x, 0, 1))
         return dict(zip(self.names, map(float, p), strict=True))
+
+    def checked(self, start: Mapping[str, float]) -> dict[str, float]:
+        """Return the values of a start; raise `ModelError` for names that are not to be chosen."""
+        for name in start:
+            if name not in self.over:
+                raise ModelError(
+                    f"optimise: start={dict(start)!r}: {unknown_name('parameter to choose', name, self.over)}"
+                )
+        return dict(start)
 
     def before(self) -> DesignPoint:
         """Return the original design; set the scale of the objective, and its first value."""

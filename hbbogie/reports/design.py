@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.design.criteria import CriticalValue, Quantity
+from hbbogie.design.criteria import CriticalValue
 from hbbogie.design.optimisation import Design, optimise
 from hbbogie.design.point import DesignPoint
-from hbbogie.design.quantile import SampledQuantile
-from hbbogie.design.robust import RobustValue, Uncertainty, predicted, predicted_below, spreads
-from hbbogie.design.samples import MonteCarlo, monte_carlo
+from hbbogie.design.robust import Uncertainty, predicted, spreads
+from hbbogie.design.samples import monte_carlo
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.model.problem import default_interval
@@ -25,6 +24,7 @@ from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.design_checks import check_table
 from hbbogie.reports.report import Report
+from hbbogie.reports.robust_design import robust_quantity, robust_table, shares_of
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch
 from hbbogie.results.failure import ConvergenceError
@@ -49,6 +49,7 @@ def design_of(
     robust: float | None = None,
     quantile: float | None = None,
     designs: int | None = None,
+    start: Mapping[str, float] | None = None,
 ) -> Report:
     """Optimise the design of a problem and check it.
 
@@ -70,6 +71,9 @@ def design_of(
         Raise this quantile over random designs, such as 0.05, instead.
     designs : int, optional
         Their number, as of `SampledQuantile`.
+    start : mapping from name to float, optional
+        Where the first search begins, as of `optimise`. By default that for a robust design begins at the optimum
+        without scatter.
 
     Raises
     ------
@@ -89,12 +93,19 @@ def design_of(
     }
     uncertain: Uncertainty | None = getattr(module, "UNCERTAIN", None)
     unit = system.parameter(task["raise_"]).unit
-    if (asked := _robust(where, uncertain, robust, quantile, designs, seed, unit)) is not None:
-        task["maximise"] = asked
-    design = optimise(system, progress=progress, **task)
+    asked = robust_quantity(where, uncertain, robust, quantile, designs, seed, unit)
+    nominal, begin = None, None if start is None else {**start}
+    if asked is not None and start is None:  # far fewer steps with random designs
+        nominal = optimise(system, progress=progress, **task)
+        begin = nominal.parameters
+    if asked is None or nominal is None or not nominal.interrupted:
+        design = optimise(system, progress=progress, start=begin, **task, **({"maximise": asked} if asked else {}))
+    else:
+        design = nominal
     tables = [parameter_table(design), critical_table(design), limit_table(design), active_table(design)]
     branches: dict[str, Branch | None] = {}
     if not design.interrupted:
+        task |= {"maximise": asked} if asked else {}
         branches = {k: _branch(p, progress, k) for k, p in _both(design)}
         tables.append(check_table(design, task, progress))
     notes = _sentences(design, unit)
@@ -109,10 +120,11 @@ def design_of(
         tables.append(start_table(design))
     if uncertain is not None and samples and not design.interrupted:
         service = getattr(module, "SERVICE", None)
-        drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in _both(design)}
-        tables.append(robust_table(design, uncertain, drawn, service))
-        smooth = {k: predicted(spreads(p, uncertain)) for k, p in _both(design)}
-        figures["distribution"] = partial(_shares, drawn, smooth, service, label(f"critical {name}", unit))
+        points = {"before": design.before, **({"nominal": nominal.after} if nominal else {}), "after": design.after}
+        drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in points.items()}
+        tables.append(robust_table(points, uncertain, drawn, service))
+        smooth = {k: predicted(spreads(p, uncertain)) for k, p in points.items()}
+        figures["distribution"] = partial(shares_of, drawn, smooth, service, label(f"critical {name}", unit))
     saved = {k: b for k, b in branches.items() if b is not None}
     over = [(n, system.parameter(n).description, *ends, system.parameter(n).unit) for n, ends in design.over.items()]
     columns = ("parameter", "what it is", "at least", "at most", "unit")
@@ -129,31 +141,6 @@ def design_of(
         texts={VALUES: "".join(f"{n} = {v!r}\n" for n, v in design.parameters.items())},
         inputs=(Table("over", "Parameters that may change", columns, tuple(over), ("", "", ".5g", ".5g", "")),),
     )
-
-
-def _robust(
-    where: str,
-    uncertain: Uncertainty | None,
-    robust: float | None,
-    quantile: float | None,
-    designs: int | None,
-    seed: int,
-    unit: str,
-) -> Quantity | None:
-    """Return the quantity that a robust design raises; None where none is asked for."""
-    if robust is None and quantile is None:
-        if designs is not None:
-            raise ModelError(
-                f"designs={designs} (--designs) belongs to a quantile; give one with quantile= (--quantile)."
-            )
-        return None
-    if uncertain is None:
-        raise ModelError(f"{where} has no UNCERTAIN, an Uncertainty of its parameters, which a robust design needs.")
-    if quantile is None and robust is not None and designs is None:
-        return RobustValue(uncertain, robust, unit)
-    if quantile is None or robust is not None:
-        raise ModelError("give either robust= (--robust), or quantile= (--quantile) with designs= (--designs).")
-    return SampledQuantile(uncertain, quantile, designs, seed, unit)
 
 
 def _moved(design: Design) -> tuple[str, ...]:
@@ -256,38 +243,6 @@ def start_table(design: Design) -> Table:
     return Table("starts", "Starts", columns, tuple(rows), formats)
 
 
-def robust_table(design: Design, uncertain: Uncertainty, drawn: dict[str, MonteCarlo], service: float | None) -> Table:
-    """Return moments of the critical values before and after, predicted and by Monte Carlo."""
-    unit = design.before.system.parameter(design.before.parameter).unit
-    rows: list[tuple[Any, ...]] = []
-    for when, point in _both(design):
-        found = spreads(point, uncertain)
-        low = min(found, key=lambda s: s.first_order[0])
-        below = predicted_below(found, service) if service is not None else (None, None)
-        rows.append((when, f"first order, {low.name}", *low.first_order, below[0], None, None))
-        rows.append((when, f"second order, {low.name}", *low.second_order, below[1], None, None))
-        known = drawn[when].known
-        if len(known) > 1:
-            same = np.min([s.predict(drawn[when].factors[~np.isnan(drawn[when].values)]) for s in found], axis=0)
-            under = float((same < service).mean()) if service is not None else None
-            rows.append(
-                (when, "second order, random designs", float(same.mean()), float(same.std(ddof=1)), under, None, None)
-            )
-            share = drawn[when].probability_below(service) if service is not None else (None,) * 3
-            text = f"Monte Carlo, {len(known)} designs"
-            rows.append((when, text, float(known.mean()), float(known.std(ddof=1)), *share))
-    at = f"probability below {service:g} {unit}".rstrip() if service is not None else "probability"
-    columns = ("design", "method", label("mean", unit), label("deviation", unit), at)
-    failed = sum(m.failed for m in drawn.values())
-    notes = (
-        "The probability of the second order is that of the smallest of all quadratic approximations. From, to: the "
-        "95 % interval of Clopper and Pearson.",
-        *([f"{failed} of the random designs have no value, and are left out."] if failed else []),
-    )
-    formats = ("", "", ".5g", ".4g", ".4f", ".4f", ".4f")
-    return Table("robust", "Under uncertainty", (*columns, "from", "to"), tuple(rows), formats, notes)
-
-
 def _branch(point: DesignPoint, progress: Progress, when: str) -> Branch | None:
     """Return the branch of the smallest fold, or else from the first Hopf point that leads to one; None without any."""
     progress(f"branch {when}", None)
@@ -333,10 +288,3 @@ def _gains(design: Design) -> Figure:
     names = [f"{a.name}, {a.side} {a.kind}" for a in design.active]
     values = [a.per_percent for a in design.active]
     return plot.figure_of(plot.gains(names, values, unit=design.objective.unit))
-
-
-def _shares(drawn: dict[str, MonteCarlo], smooth: dict[str, Array], service: float | None, across: str) -> Figure:
-    from hbbogie import plot
-
-    samples = {k: m.values for k, m in drawn.items()}
-    return plot.figure_of(plot.shares(samples, predictions=smooth, service=service, parameter_label=across))

@@ -266,7 +266,14 @@ def SYSTEM():
 
 
 def design(system):
-    return {"over": {"a": (0.2, 2.0), "w0": (0.5, 2.0)}}
+    return {"over": {"a": (0.2, 2.0), "w0": (0.5, 2.0)}, "harmonics": 3}
+
+
+from scipy import stats
+
+from hbbogie.design import Uncertainty
+
+UNCERTAIN = Uncertainty({"a": stats.norm(1, 0.1)})
 """
 
 
@@ -282,6 +289,31 @@ def test_interruption_of_a_design_keeps_the_best_so_far(tmp_path):
     assert run.returncode == 130 and "interrupted" in err and "Traceback" not in err
     values = tomllib.loads((tmp_path / "out" / "optimum.toml").read_text())
     assert 0.2 <= values["a"] < 1.4
+
+
+def test_a_robust_design_from_the_shell(tmp_path):
+    """The quantile of -a^2 x^2 / 4 is highest with the least a; three designs are judged by random ones."""
+    (tmp_path / "search.py").write_text(LONG_SEARCH)
+    (tmp_path / "begin.toml").write_text("a = 0.4")
+    for options, designs in (
+        ((), ["before", "nominal", "after"]),
+        (("--start", tmp_path / "begin.toml"), ["before", "after"]),
+    ):
+        given = ["--quantile", "0.1", "--designs", "6", "--samples", "12", "--json", "-q", "--no-figures"]
+        found = document(call("design", tmp_path / "search.py", *given, "--output", tmp_path / "out", *options))
+        assert found["data"]["converged"] and found["data"]["parameters"]["a"] == pytest.approx(0.2, abs=1e-9)
+        (table,) = (t for t in found["tables"] if t["name"] == "robust")
+        assert list(dict.fromkeys(row[0] for row in table["rows"])) == designs
+    for wrong, text in (
+        (["--quantile", "2"], "between 0 and 1"),
+        (["--quantile", "0.1", "--robust", "2"], "either"),
+        (["--designs", "6"], "belongs to a quantile"),
+        (["--samples", "-1"], "greater than or equal to 0"),
+        (["--robust", "nan"], "finite number"),
+        (["--start", tmp_path / "none.toml"], "--start"),
+    ):
+        result = call("design", tmp_path / "search.py", *wrong)
+        assert result.exit_code == 2 and text in result.output
 
 
 def test_figures_are_left_out_or_of_the_form_asked_for(tmp_path):
