@@ -141,7 +141,9 @@ class SampledQuantile:
         steps = np.arange(count + 1) / count
         return np.diff(stats.beta.cdf(steps, (count + 1) * self.q, (count + 1) * (1 - self.q)))
 
-    def _one_by_one(self, point: DesignPoint, factors: Array, rest: Array) -> dict[int, DesignPoint | float]:
+    def _one_by_one(
+        self, point: DesignPoint, factors: Array, rest: NDArray[np.int64]
+    ) -> dict[int, DesignPoint | float]:
         """Return the random designs of some numbers; they are kept at the design, to be followed from there."""
         key = (self, *map(int, rest))
         before = point.random.get(key, ())

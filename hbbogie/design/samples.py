@@ -191,7 +191,7 @@ def _parameters(system: System, places: list[int], factors: Array) -> tuple[Arra
     p = np.tile(system.vector(), (len(factors), 1))
     p[:, places] *= factors
     low, high = (np.array([q.bounds[side] for q in system.parameters]) for side in (0, 1))
-    return p, ((p >= low) & (p <= high)).all(axis=1)
+    return p, np.all((p >= low) & (p <= high), axis=1)
 
 
 def _together(nominal: NominalDesign, p: Array) -> tuple[Array, Array]:

@@ -94,18 +94,18 @@ def design_of(
     uncertain: Uncertainty | None = getattr(module, "UNCERTAIN", None)
     unit = system.parameter(task["raise_"]).unit
     asked = robust_quantity(where, uncertain, robust, quantile, designs, seed, unit)
-    nominal, begin = None, None if start is None else {**start}
-    if asked is not None and start is None:  # far fewer steps with random designs
-        nominal = optimise(system, progress=progress, **task)
-        begin = nominal.parameters
-    if asked is None or nominal is None or not nominal.interrupted:
-        design = optimise(system, progress=progress, start=begin, **task, **({"maximise": asked} if asked else {}))
-    else:
-        design = nominal
+    nominal: Design | None = None
+    if asked is None or start is None:
+        design = optimise(system, progress=progress, start=start, **task)
+    if asked is not None:
+        if start is None:  # at the optimum without scatter a search with random designs needs few steps
+            nominal, start = design, design.parameters
+        task["maximise"] = asked
+        if nominal is None or not nominal.interrupted:
+            design = optimise(system, progress=progress, start=start, **task)
     tables = [parameter_table(design), critical_table(design), limit_table(design), active_table(design)]
     branches: dict[str, Branch | None] = {}
     if not design.interrupted:
-        task |= {"maximise": asked} if asked else {}
         branches = {k: _branch(p, progress, k) for k, p in _both(design)}
         tables.append(check_table(design, task, progress))
     notes = _sentences(design, unit)

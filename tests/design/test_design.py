@@ -129,6 +129,11 @@ def test_fold_and_hopf_point_equally_low(start):
     found = hb.optimise(system, raise_="mu", over={"s": (0.0, 2.0)}, interval=(-2.0, 5.0), harmonics=3)
     assert found.converged and found.parameters["s"] == pytest.approx(13 / 12, rel=1e-7)
     assert found.value == pytest.approx(3 - 13 / 12, rel=1e-7)
+    again = hb.optimise(
+        system, raise_="mu", over={"s": (0.0, 2.0)}, interval=(-2.0, 5.0), harmonics=3, start=found.parameters
+    )
+    assert again.value == pytest.approx(found.value, rel=1e-9) and again.value_before == found.value_before
+    assert again.starts[0].parameters == found.parameters and len(again.history) == 1
     weights = {name.split()[0]: w for name, w in found.weights.items()}
     assert weights == pytest.approx({"fold": 1 / 3, "Hopf": 2 / 3}, abs=1e-6)
     one = single_level(found.before, found.over)
@@ -215,6 +220,7 @@ def test_wrong_input():
         ({"over": {"a": 5.0}}, "pair of bounds"),
         ({"over": ["a"]}, "pair of bounds"),
         ({"over": {"a": (0.5, 2.0)}, "starts": 0}, "from 1"),
+        ({"over": {"a": (0.5, 2.0)}, "start": {"w0": 1.0}}, "unknown parameter to choose 'w0'"),
         ({"over": {"b": (0.5, 2.0)}}, "unknown parameter 'b'"),
         ({"over": {"a": (2.0, 0.5)}}, "low < high"),
         ({"over": {"mu": (0.5, 2.0)}}, "another parameter"),
