@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.design.criteria import CriticalValue
+from hbbogie.design.criteria import CriticalValue, Quantity
 from hbbogie.design.optimisation import Design, optimise
 from hbbogie.design.point import DesignPoint
-from hbbogie.design.robust import Uncertainty, predicted, spreads
+from hbbogie.design.robust import Uncertainty
 from hbbogie.design.samples import monte_carlo
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
@@ -94,15 +94,7 @@ def design_of(
     uncertain: Uncertainty | None = getattr(module, "UNCERTAIN", None)
     unit = system.parameter(task["raise_"]).unit
     asked = robust_quantity(where, uncertain, robust, quantile, designs, seed, unit)
-    nominal: Design | None = None
-    if asked is None or start is None:
-        design = optimise(system, progress=progress, start=start, **task)
-    if asked is not None:
-        if start is None:  # at the optimum without scatter a search with random designs needs few steps
-            nominal, start = design, design.parameters
-        task["maximise"] = asked
-        if nominal is None or not nominal.interrupted:
-            design = optimise(system, progress=progress, start=start, **task)
+    design, nominal = _searched(system, task, asked, start, progress)
     tables = [parameter_table(design), critical_table(design), limit_table(design), active_table(design)]
     branches: dict[str, Branch | None] = {}
     if not design.interrupted:
@@ -119,12 +111,11 @@ def design_of(
     if len(design.starts) > 1:
         tables.append(start_table(design))
     if uncertain is not None and samples and not design.interrupted:
-        service = getattr(module, "SERVICE", None)
         points = {"before": design.before, **({"nominal": nominal.after} if nominal else {}), "after": design.after}
         drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in points.items()}
-        tables.append(robust_table(points, uncertain, drawn, service))
-        smooth = {k: predicted(spreads(p, uncertain)) for k, p in points.items()}
-        figures["distribution"] = partial(shares_of, drawn, smooth, service, label(f"critical {name}", unit))
+        judged = points, uncertain, drawn, getattr(module, "SERVICE", None)
+        tables.append(robust_table(*judged))
+        figures["distribution"] = partial(shares_of, *judged, label(f"critical {name}", unit))
     saved = {k: b for k, b in branches.items() if b is not None}
     over = [(n, system.parameter(n).description, *ends, system.parameter(n).unit) for n, ends in design.over.items()]
     columns = ("parameter", "what it is", "at least", "at most", "unit")
@@ -141,6 +132,22 @@ def design_of(
         texts={VALUES: "".join(f"{n} = {v!r}\n" for n, v in design.parameters.items())},
         inputs=(Table("over", "Parameters that may change", columns, tuple(over), ("", "", ".5g", ".5g", "")),),
     )
+
+
+def _searched(
+    system: System, task: dict[str, Any], asked: Quantity | None, start: Mapping[str, float] | None, progress: Progress
+) -> tuple[Design, Design | None]:
+    """Return the design, and that of the system without scatter, at which the search for a robust one began."""
+    if asked is None:
+        return optimise(system, progress=progress, start=start, **task), None
+    nominal = None
+    if start is None:  # from there a search with random designs needs few steps
+        nominal = optimise(system, progress=progress, **task)
+        if nominal.interrupted:
+            return nominal, None
+        start = nominal.parameters
+    task["maximise"] = asked
+    return optimise(system, progress=progress, start=start, **task), nominal
 
 
 def _moved(design: Design) -> tuple[str, ...]:

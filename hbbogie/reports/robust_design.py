@@ -98,9 +98,16 @@ def _moments(values: Array) -> tuple[float, float, float]:
     return float(values.mean()), float(values.std(ddof=1)), _tail(values)
 
 
-def shares_of(drawn: dict[str, MonteCarlo], smooth: dict[str, Array], service: float | None, across: str) -> Figure:
-    """Draw the shares of random designs below each critical value."""
+def shares_of(
+    points: dict[str, DesignPoint],
+    uncertain: Uncertainty,
+    drawn: dict[str, MonteCarlo],
+    service: float | None,
+    across: str,
+) -> Figure:
+    """Draw the share of random designs below each critical value, and what the second order predicts."""
     from hbbogie import plot
 
     samples = {k: m.values for k, m in drawn.items()}
+    smooth = {k: predicted(spreads(p, uncertain)) for k, p in points.items()}
     return plot.figure_of(plot.shares(samples, predictions=smooth, service=service, parameter_label=across))
