@@ -14,7 +14,7 @@ from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives, turned
 from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, signature
-from hbbogie.branches.starts import Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
+from hbbogie.branches.starts import RANDOM, Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
 from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -181,10 +181,10 @@ class Census:
         self.evidence.append(said)
         self.open.append(said)
 
-    def simulate(self) -> None:
-        """Follow motions, and consider the cycles they come near."""
+    def simulate(self, random: bool | None = None) -> None:
+        """Follow motions, and consider the cycles they come near; only those from random states, or no such."""
         system, size = self.system, self._sizes()
-        starts = starts_of(system, self.equilibria, size)
+        starts = [s for s in starts_of(system, self.equilibria, size) if random in (None, s[0] == RANDOM)]
         if self.start is not None:
             starts = [("the start", state_of(system, self.start))]
         h = self._sample_distance()

@@ -12,13 +12,16 @@ from hbbogie.branches.continuation import balanced_trace
 from hbbogie.branches.crossing import complete, extent, from_hopf
 from hbbogie.branches.resolution import MEET, doubt_at_fold
 from hbbogie.collocation.method import Collocation
+from hbbogie.critical.coupled import census_below, left_out
 from hbbogie.critical.folds import fold, located_fold
 from hbbogie.critical.groups import cycles_of_groups
 from hbbogie.critical.harmonic_error import ROUND_OFF, with_error
 from hbbogie.deadline import time_is_over
+from hbbogie.equilibria.census import Start
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical
 from hbbogie.results.failure import FAILURES, ConvergenceError
@@ -86,6 +89,29 @@ class Search:
                 self.undecided.append(f"the branch of {said} was not followed to its ends: {why}")
             self.branches.append(branch)
             self._add(found, cycle.parameters[parameter])
+
+    def follow_motions(self, parameter: str, hopf: list[float], start: Start | None) -> None:
+        """Follow the branches of cycles to which motions of many groups lead, down to their folds and back up."""
+        census = census_below(self.system, parameter, (self.span[0], min(hopf)), self.low, start)
+        self.evidence += census.evidence
+        coarse, folds = HarmonicBalance(ORDERS[0]).equations(census.system), list[SpecialPoint]()
+        for cycle in census.found:
+            name = f"the branch of the cycle in which {moving_groups(census.system, cycle)} move"
+            try:
+                span = self.span[0], census.value
+                branch = balanced_trace(coarse, cycle, parameter, span, families=False, stability=False, **COARSELY)
+            except FAILURES as error:
+                self.undecided.append(f"{name} was not followed: {error}")
+                continue
+            self.evidence.append(extent(name, branch.values, branch.ends))
+            if why := branch.unfinished:
+                self.undecided.append(f"{name} was not followed to its ends: {why}")
+            self.branches.append(branch)
+            folds += branch.folds()
+        self.lowest = True  # each fold that is solved for takes long
+        folds.sort(key=lambda special: special.value)
+        self._add([self._solved(special, True) for special in folds], census.value)
+        self.undecided.append(left_out(len(self.system.groups), len(hopf), census.value, parameter))
 
     def _add(self, folds: list[Critical], begin: float) -> None:
         """Keep folds of a branch that begins at a value: below the interval the minima of one that begins inside."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hbbogie.branches.choice import chosen_methods, is_switched_linear
+from hbbogie.critical.coupled import has_coupled_groups
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.critical.search import Search
 from hbbogie.deadline import time_is_over, time_limit
@@ -115,11 +116,16 @@ def criticals(
     search.undecided += points.undecided
     if not points:
         search.evidence += points.evidence
+    coupled = methods != ("collocation",) and has_coupled_groups(system)
     for hopf in points:
         if lo <= hopf.value <= hi:
             search.found.append(hopf_gradient(system, hopf))
-        search.follow(hopf)
-    search.look_in_groups([hopf.value for hopf in points])
+        if not coupled:
+            search.follow(hopf)
+    if coupled and points:
+        search.follow_motions(parameter, [hopf.value for hopf in points], start)
+    else:
+        search.look_in_groups([hopf.value for hopf in points])
     if time_is_over() and not search.undecided:
         search.undecided.append("the time limit was reached before all was searched")
     inside = [search.certified(c) for c in search.found if c.value <= hi]

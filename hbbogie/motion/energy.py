@@ -133,7 +133,7 @@ def together(system: System, cycles: list[Orbit]) -> Iterator[tuple[str, Array]]
         yield "a state in which all groups move", _sum(states)
         signs = (-1.0) ** np.arange(len(states))
         which = "both groups move" if len(states) == 2 else "all groups move, neighbours"
-        yield f"a state in which {which} in opposite ways", _sum([sign * x for sign, x in zip(signs, states)])
+        yield f"a state in which {which} in opposite ways", _sum([sign * x for sign, x in zip(signs, states, strict=True)])
 
 
 def _sum(states: list[Array]) -> Array:
