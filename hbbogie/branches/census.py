@@ -24,7 +24,7 @@ from hbbogie.methods.scales import amplitude_scale
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
-from hbbogie.motion.energy import group_states, together
+from hbbogie.motion.energy import group_states, sets_looked_at, together
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import FAILURES
 
@@ -283,7 +283,10 @@ class Census:
 
         Of many states each group alone was displaced before.
         """
-        states = together if has_many_states(self.system) else group_states
+        states = group_states
+        if has_many_states(self.system) and len(self.system.groups) > 1:
+            states = together
+            self.evidence.append(f"motions are begun {sets_looked_at(self.system)}")
         for where, x in states(self.system, self.found):
             what = "not begun before the time limit"
             if not time_is_over():

@@ -6,6 +6,7 @@ from hbbogie.branches.census import Census
 from hbbogie.equilibria.census import Start
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.system import System
+from hbbogie.motion.energy import sets_looked_at
 
 SHARE = 0.2  # of the way from the first Hopf point to the beginning of the interval, at which motions begin
 
@@ -37,11 +38,9 @@ def census_below(
     return census
 
 
-def left_out(groups: int, hopf: int, value: float, parameter: str) -> str:
+def left_out(system: System, hopf: int, value: float, parameter: str) -> str:
     """Return what was not looked at, a sentence."""
-    looked, sets = 2 * groups, 2**groups - 1
     return (
-        f"of the {sets} sets of groups that may move at once {looked} were looked at: each alone, neighbours and all; "
-        f"the branches of the {hopf} Hopf points, and folds above {parameter} = {value:.6g}, were not: each such "
-        "branch has many folds"
+        f"motions were begun {sets_looked_at(system)}; the branches from the {hopf} Hopf points, each of which has "
+        f"many folds, and folds above {parameter} = {value:.6g} were not looked for"
     )

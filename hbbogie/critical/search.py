@@ -111,7 +111,7 @@ class Search:
         self.lowest = True  # each fold that is solved for takes long
         folds.sort(key=lambda special: special.value)
         self._add([self._solved(special, True) for special in folds], census.value)
-        self.undecided.append(left_out(len(self.system.groups), len(hopf), census.value, parameter))
+        self.undecided.append(left_out(self.system, len(hopf), census.value, parameter))
 
     def _add(self, folds: list[Critical], begin: float) -> None:
         """Keep folds of a branch that begins at a value: below the interval the minima of one that begins inside."""

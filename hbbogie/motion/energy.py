@@ -133,7 +133,16 @@ def together(system: System, cycles: list[Orbit]) -> Iterator[tuple[str, Array]]
         yield "a state in which all groups move", _sum(states)
         signs = (-1.0) ** np.arange(len(states))
         which = "both groups move" if len(states) == 2 else "all groups move, neighbours"
-        yield f"a state in which {which} in opposite ways", _sum([sign * x for sign, x in zip(signs, states, strict=True)])
+        yield (
+            f"a state in which {which} in opposite ways",
+            _sum([sign * x for sign, x in zip(signs, states, strict=True)]),
+        )
+
+
+def sets_looked_at(system: System) -> str:
+    """Return of which sets of many groups `alone` and `together` have all move, for people."""
+    k = len(system.groups)
+    return f"of the {2**k - 1} sets of groups that may move at once {2 * k}: each alone, each two neighbours and all"
 
 
 def _sum(states: list[Array]) -> Array:
@@ -165,13 +174,13 @@ def _lags(system: System, cycles: list[Orbit]) -> list[float]:
     Of each two neighbours that cycle counts in which they move most and others least.
     """
     names, lags = list(system.groups), [0.0]
-    shares = [energy_shares(system, o) for o in cycles]
+    shares = [energy_shares(system, orbit) for orbit in cycles]
     for first, second in pairwise(names):
-        both = [min(share[first], share[second]) for share in shares if share]
-        if not both or max(both) < MOVES / 2:
+        both = [min(share.get(first, 0.0), share.get(second, 0.0)) for share in shares]
+        k = int(np.argmax(both)) if both else -1
+        if k < 0 or not both[k] >= MOVES * max(shares[k].values(), default=np.inf):
             return []
-        orbit = cycles[int(np.argmax(both))]
-        lags.append(lags[-1] + _crest(system, orbit, second) - _crest(system, orbit, first))
+        lags.append(lags[-1] + _crest(system, cycles[k], second) - _crest(system, cycles[k], first))
     return lags
 
 

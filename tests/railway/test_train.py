@@ -8,6 +8,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.branches import cycle_after
+from hbbogie.motion import group_states, moving_groups, simulate
 
 KNOWN = json.loads((Path(__file__).parent / "vehicle.json").read_text(encoding="utf-8"))
 TRAIN = hb.load_problem("train")
@@ -74,3 +75,44 @@ def test_groups_of_a_train_are_its_bogies():
 def test_number_of_vehicles(n):
     with pytest.raises(hb.ModelError, match="whole number from 1 to 64"):
         TRAIN.train(n)
+
+
+def test_groups_that_move_as_in_one_cycle_are_on_it():
+    """States in which each group follows its neighbour as in a cycle of all are states of that cycle."""
+    system = TRAIN.train(2)
+    hopf = hb.hopf_points(system, "V", (60.0, 110.0))[0].orbit
+    waves = np.random.default_rng(5).uniform(0.5, 1.0, (2, system.n)) * [[1.0], [-1.0]]
+    cycle = hopf.replace(coefficients=np.vstack([np.zeros(system.n), 0.01 * waves]))
+    states = dict(group_states(system, [cycle]))
+    assert len(states) == 4 + 3 + 3  # each alone, neighbours, all in three ways
+    x = next(state for where, state in states.items() if "each after the one before" in where)
+    t = np.linspace(0, cycle.period, 20001)
+    assert np.abs(np.hstack([cycle.q(t), cycle.v(t)]) - x).max(axis=1).min() < 1e-3 * np.abs(x).max()
+
+
+def test_shooting_on_a_long_train_takes_too_much_memory():
+    system = TRAIN.train(16, V=65.0)
+    hopf = hb.hopf_points(TRAIN.train(1), "V", (60.0, 110.0))[0].orbit
+    wave = hopf.replace(
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=tuple(c.unit for c in system.coordinates),
+        coefficients=0.01 * np.vstack([np.zeros(system.n), np.ones((2, system.n))]),
+        parameters=dict(system.values),
+    )
+    with pytest.raises(hb.ModelError, match=r"about \d+ GB of memory; the limit is 2 GB.*What to try"):
+        hb.verify(system, wave)
+
+
+@pytest.mark.slow
+def test_several_bogies_hunt_at_once():
+    """Motions lead to stable cycles of both bogies of a vehicle, which CVODES confirms, and of all."""
+    system = TRAIN.train(2, V=65.0)
+    found = hb.find_cycles(system, limit=240.0)
+    moves = {moving_groups(system, cycle): cycle for cycle in found if cycle.verdict == "stable"}
+    pairs = [f"front bogie of vehicle {m} + rear bogie of vehicle {m}" for m in (1, 2)]
+    assert {*system.groups, *pairs, "rear bogie of vehicle 1 + front bogie of vehicle 2", "all"} <= {*moves}
+    for name in (pairs[0], "all"):
+        cycle = moves[name]
+        later = simulate(system, cycle, 100 * cycle.period, method="cvodes", step=cycle.period / 50)
+        assert later.period(periods=20) == pytest.approx(cycle.period, rel=1e-5)
