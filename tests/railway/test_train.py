@@ -90,6 +90,28 @@ def test_groups_that_move_as_in_one_cycle_are_on_it():
     assert np.abs(np.hstack([cycle.q(t), cycle.v(t)]) - x).max(axis=1).min() < 1e-3 * np.abs(x).max()
 
 
+def test_fold_of_an_uncoupled_train_is_that_of_its_vehicle():
+    """The sparse equations of the train have the fold of the full ones of the vehicle, and the same gradient."""
+    one = hb.load_problem("vehicle").vehicle(V=60.0)
+    cycle = cycle_after(one, {"y1": 0.01, "y2": 0.01, "y3": 0.01, "y4": 0.01})
+    balance = hb.HarmonicBalance(9).equations(one)
+    branch = hb.trace(balance, cycle, "V", (50.0, 60.0), stability=False)
+    own = hb.fold(balance, min(branch.folds(), key=lambda special: special.value), search=False)
+    free = TRAIN.train(2, kcy=0.0, ccy=0.0, kcp=0.0, ccp=0.0)
+    guess = own.orbit.replace(
+        system=free.name,
+        coordinates=free.coordinate_names,
+        units=tuple(c.unit for c in free.coordinates),
+        coefficients=np.hstack([own.orbit.coefficients, 0.0 * own.orbit.coefficients]),
+        omega=1.001 * own.omega,
+        parameters=dict(free.values) | {"V": own.value + 0.01},
+    )
+    found = hb.fold(hb.HarmonicBalance(9).equations(free), guess, "V", search=False)
+    assert found.value == pytest.approx(own.value, rel=1e-9)
+    for name, slope in own.gradient.items():
+        assert found.gradient[name] == pytest.approx(slope, rel=1e-6, abs=1e-12)
+
+
 def test_shooting_on_a_long_train_takes_too_much_memory():
     system = TRAIN.train(16, V=65.0)
     hopf = hb.hopf_points(TRAIN.train(1), "V", (60.0, 110.0))[0].orbit
