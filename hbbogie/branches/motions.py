@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
-from hbbogie.branches.confirming import by_harmonics
+from hbbogie.branches.confirming import by_harmonics, come_to
 from hbbogie.branches.same import BLOCKS, in_one_turn, of_prime_period, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -125,6 +125,8 @@ def cycle_after(system: System, start: Start) -> Orbit:
     size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max(initial=1e-300))
     for met in recurrences(system, x, h, size, []):
         kind, orbit = met.kind, met.orbit
+        if has_many_states(system) and orbit is not None and (cycle := come_to(system, orbit, AT_REST)) is not None:
+            return of_prime_period(cycle, turns_of(system.dynamics))
     if orbit is None or kind in ("rest", "unbounded"):
         ends = {"rest": "comes to rest", "unbounded": "leaves every bound"}
         raise ConvergenceError(
