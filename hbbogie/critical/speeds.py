@@ -42,9 +42,9 @@ def critical_speeds(
     keeps the value that its harmonics give.
 
     Where the coordinates belong to groups of bodies, motions in which one group moves below the first Hopf point, or
-    all do, lead to further branches. Where groups have more than 64 states, as in a train, the branches from Hopf points
-    have too many folds. Then motions in which one group, two neighbours or all move lead to cycles below the first Hopf
-    point, whose branches are followed down to their folds; ``undecided`` says so.
+    all do, lead to further branches. Where groups have more than 64 states, as in a train, the branches from Hopf
+    points have too many folds. Then motions in which one group, two neighbours or all move lead to cycles below the
+    first Hopf point, whose branches are followed down to their folds; ``undecided`` says so.
 
     Parameters
     ----------
