@@ -54,8 +54,8 @@ from hbbogie.collocation.special import judged
 from hbbogie.collocation.starting import from_motion, from_orbit
 from hbbogie.collocation.walk import follow as follow_on_mesh
 from hbbogie.design.point import design_point
+from hbbogie.design.quantile import SampledQuantile
 from hbbogie.design.robust import Uncertainty
-from hbbogie.design.samples import SampledQuantile
 from hbbogie.errors import unknown_name
 from hbbogie.exact.method import Exact
 from hbbogie.exact.multipliers import stabilities

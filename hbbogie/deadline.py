@@ -10,6 +10,7 @@ from time import monotonic
 
 from hbbogie.errors import positive
 
+MOMENT = 1e-9  # s
 _end: ContextVar[float] = ContextVar("end", default=inf)  # each thread has its own
 
 
@@ -38,3 +39,8 @@ def time_limit(seconds: float | None) -> Iterator[None]:
 def time_is_over() -> bool:
     """Tell whether a limit of time around the caller is over."""
     return monotonic() > _end.get()
+
+
+def time_left() -> float | None:
+    """Return the time [s] to the limit around the caller, a moment where it is over; None without one."""
+    return None if _end.get() == inf else max(_end.get() - monotonic(), MOMENT)

@@ -165,7 +165,8 @@ def positive(name: str, value: float, unit: str) -> float:
     number = as_number(value)
     if not (math.isfinite(number) and number > 0):
         raise ModelError(
-            f"{name}: got {told(value)}; give a finite number above 0" + (f" in {unit}." if unit != "1" else ".")
+            f"{name}: got {told(value)}; give a finite number above 0"
+            + (f" in {unit}." if unit not in ("", "1") else ".")
         )
     return number
 

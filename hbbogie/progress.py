@@ -15,3 +15,12 @@ def silent(message: str, fraction: float | None) -> None:
         _log.debug("%s", message)
     else:
         _log.debug("%s (%.0f %%)", message, 100 * fraction)
+
+
+def part(progress: Progress, begin: float, end: float) -> Progress:
+    """Return the progress of a part of the work, which is the given shares of all of it."""
+
+    def say(message: str, fraction: float | None) -> None:
+        progress(message, None if fraction is None else begin + (end - begin) * fraction)
+
+    return say

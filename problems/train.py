@@ -23,6 +23,7 @@ from itertools import pairwise
 from hbbogie import ModelError, Parameter, System, load_problem
 
 VEHICLE = load_problem("vehicle")
+MOST = 64  # vehicles; more take minutes for the equations alone
 
 
 def train(n: int = 2, creep: str = "she", yaw_dampers: str = "direct", **parameters: float) -> System:
@@ -31,7 +32,7 @@ def train(n: int = 2, creep: str = "she", yaw_dampers: str = "direct", **paramet
     Parameters
     ----------
     n : int
-        Number of vehicles.
+        Number of vehicles, at most 64.
     creep, yaw_dampers : str
         As of the vehicle.
     **parameters : float
@@ -40,10 +41,10 @@ def train(n: int = 2, creep: str = "she", yaw_dampers: str = "direct", **paramet
     Raises
     ------
     ModelError
-        For a number of vehicles that is no whole number from 1.
+        For a number of vehicles that is no whole number from 1 to 64.
     """
-    if n != int(n) or n < 1:
-        raise ModelError(f"train: n = {n!r} vehicles; give a whole number from 1.")
+    if n not in range(1, MOST + 1):
+        raise ModelError(f"train: n = {n!r} vehicles; give a whole number from 1 to {MOST}, such as n=4.")
     n, p = int(n), VEHICLE.data(creep, yaw_dampers)
     any_sign = (0.0, 1e15)
     le = Parameter("le", 12.5, "m", "from the centre of a car body to its coupler", (1e-12, 1e15))

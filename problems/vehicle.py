@@ -11,7 +11,7 @@ With s_i = +1 (front), -1 (rear) and z_k = +1 for the leading wheelset of a fram
 
     D_i = yc + s_i lc pc - hc rc - yb_i - hs rb_i        stretch of the lateral secondary suspension
     S_i = 2 ksy D_i + 2 csy D_i'                          its force
-    Z_i = 2 ksx bs^2 (pc - pb_i) + 2 by F_i               yaw moment, F_i the force of a yaw damper
+    Z_i = 2 ksx bs^2 (pc - pb_i) + yd_i by F_i            yaw moment, F_i the force of each of its yd_i yaw dampers
     X_i = (2 ksz bs^2 + karb)(rc - rb_i) + 2 csz bs^2 (rc' - rb_i')
     E_k = y_k - yb_i - z_k lb pb_i + hp rb_i              stretch of the lateral primary suspension
     A_k = 2 kpy E_k + 2 cpy E_k'
@@ -29,7 +29,9 @@ With s_i = +1 (front), -1 (rear) and z_k = +1 for the leading wheelset of a fram
 
 Fx_k, Fy_k are the creep forces on a wheel, linear or of Shen, Hedrick and Elkins; FT_k is the flange, a spring behind a
 gap. A yaw damper has the slope c1 up to its blow-off force Fb and c2 beyond, either alone or in series with a spring
-kyd, whose deflection then leaves one more coordinate a frame, x1 and x2, of first order.
+kyd, whose deflection then leaves one more coordinate a frame, x1 and x2, of first order. Two dampers act on a frame,
+yd_i = 2, one a side; yd_i = 1 is a frame with a failed one, whose other one also pulls the frame lengthwise, a motion
+that is not modelled.
 
 Source: masses, lengths and suspension of the vehicle 1 of the Manchester benchmarks (S. Iwnicki, Manchester benchmarks
 for rail vehicle simulation, Vehicle System Dynamics 30, 1998, 295-313), as printed in a public data file of it. Flange
@@ -52,6 +54,7 @@ import numpy as np
 import hbbogie as hb
 from hbbogie import Branch, Coordinate, Element, ModelError, Output, Parameter, System
 from hbbogie.model import DeadBand, Saturation
+from hbbogie.parallel import each
 from hbbogie.railway import LinearKalker, ShenHedrickElkins, derailment_quotient, frame_acceleration, guiding_forces
 from hbbogie.reports import Report, Table, by_mode, draw
 from hbbogie.results import Critical
@@ -79,10 +82,15 @@ def vehicle(bogies: int = 2, creep: str = "she", yaw_dampers: str = "direct", **
     Raises
     ------
     ModelError
-        For another choice.
+        For another choice, and for yaw dampers in series with a spring of which one is zero.
     """
     if bogies not in (1, 2):
         raise ModelError(f"vehicle: bogies = {bogies!r}; give 1 or 2.")
+    if yaw_dampers == "series" and 0 in (parameters.get("kyd"), parameters.get("c1")):
+        raise ModelError(
+            "vehicle: a yaw damper in series with a spring does not act where one of both, kyd or c1, is 0, and its "
+            "stroke is anything; give yaw_dampers = 'none' for failed ones."
+        )
     p = data(creep, yaw_dampers)
     built = car(p) if bogies == 2 else bogie(p, NO_MOTION, NO_MOTION, 1)
     used = [value for name, value in vars(p).items() if bogies == 2 or name not in CAR_BODY]
@@ -163,8 +171,9 @@ def bogie(p: SimpleNamespace, over: tuple[Any, ...], rates: tuple[Any, ...], i: 
     F, series, dampers = yaw_damper(p, pc - pb, pc_dot - pb.dot, f"{i}{mark}")
     stroke = series[0][0].dot if series else p.by * (pc_dot - pb.dot) if dampers else 0.0
     lost = 2 * p.csy * (u_dot - yb.dot - p.hs * rb.dot) ** 2 + 2 * p.csz * p.bs**2 * (rc_dot - rb.dot) ** 2
-    lost += 4 * p.cpz * p.bp**2 * rb.dot**2 + 2 * F * stroke
-    Z = 2 * p.ksx * p.bs**2 * (pc - pb) + (2 * p.by * F if dampers else 0.0)
+    acting = getattr(p, f"yd{i}", 0.0)
+    lost += 4 * p.cpz * p.bp**2 * rb.dot**2 + acting * F * stroke
+    Z = 2 * p.ksx * p.bs**2 * (pc - pb) + (acting * p.by * F if dampers else 0.0)
     X = (2 * p.ksz * p.bs**2 + p.karb) * (rc - rb) + 2 * p.csz * p.bs**2 * (rc_dot - rb.dot)
     P = 4 * p.kpz * p.bp**2 * rb + 4 * p.cpz * p.bp**2 * rb.dot
 
@@ -293,7 +302,7 @@ def data(creep: str = "she", yaw_dampers: str = "direct") -> SimpleNamespace:
         Parameter("Q", 54.5e3, "N", "wheel load, of Y/Q only", positive),
     ]
     if creep == "she":
-        found.append(Parameter("muN", 16.4e3, "N", "friction limit, a wheel", positive))
+        found.append(Parameter("muN", 16.4e3, "N", "friction limit, a wheel: friction times its load", positive))
     if yaw_dampers != "none":
         slope = any_sign if yaw_dampers == "direct" else positive
         found += [
@@ -301,13 +310,15 @@ def data(creep: str = "she", yaw_dampers: str = "direct") -> SimpleNamespace:
             Parameter("c1", 200e3, "N s/m", "slope of a yaw damper below blow-off", slope),
             Parameter("Fb", 6e3, "N", "blow-off force of a yaw damper", any_sign),
             Parameter("c2", 10e3, "N s/m", "slope of a yaw damper beyond blow-off", slope),
+            Parameter("yd1", 2.0, "1", "yaw dampers that act on the front frame", (0.0, 4.0)),
+            Parameter("yd2", 2.0, "1", "yaw dampers that act on the rear frame", (0.0, 4.0)),
         ]
     if yaw_dampers == "series":
         found.append(Parameter("kyd", 5e6, "N/m", "series stiffness of a yaw damper", positive))
     return SimpleNamespace(**{one.name: one for one in found})
 
 
-CAR_BODY = ("mc", "Icz", "Icx", "lc", "hc")
+CAR_BODY = ("mc", "Icz", "Icx", "lc", "hc", "yd2")  # and the second bogie
 SYSTEM = vehicle
 PARAMETER = "V"
 RANGE = (40.0, 110.0)
@@ -316,13 +327,10 @@ HARMONICS, RESOLVED, JUDGED = 9, 31, 24  # along the branches, where they are ju
 
 def study(system: System, progress: Callable[[str, float | None], None]) -> Report:
     """Return the critical speeds, and the branch of each attractor with the stability of its cycles."""
-    progress("critical speeds", None)
-    found = hb.critical_speeds(system, PARAMETER, RANGE)
-    branches = {}
-    for i, (moves, fold) in enumerate(found.lowest.items()):
-        progress(f"branch of the attractor: {moves or 'all'}", i / len(found.lowest))
-        branch = _followed(system, found.branches, fold) or _through(system, fold)
-        branches[moves or "all"] = _judged(system, branch)
+    found = hb.critical_speeds(system, PARAMETER, RANGE, progress=progress)
+    attractors = [(moves or "all", fold) for moves, fold in found.lowest.items()]
+    judged = each(_attractor, (system, list(found.branches)), attractors, progress, "branches of the attractors")
+    branches = {moves: branch for (moves, _), branch in zip(attractors, judged, strict=True)}
     rows = [(c.kind, c.value, c.error, c.omega, c.moves) for c in found]
     columns = ("kind", "V [m/s]", "error from harmonics, at most [m/s]", "omega [rad/s]", "moves")
     table = Table("critical", "Critical speeds", columns, tuple(rows), ("", ".8g", ".1e", ".7g", ""))
@@ -333,6 +341,14 @@ def study(system: System, progress: Callable[[str, float | None], None]) -> Repo
     notes = [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*found.evidence, *found.undecided)]
     named = {moves.replace(" ", "_"): branch for moves, branch in branches.items()}
     return Report(system.name, (table,), named, figures if branches else {}, tuple(notes))
+
+
+def _attractor(
+    known: tuple[System, Sequence[Branch]], moves: str, fold: Critical, progress: Callable[[str, float | None], None]
+) -> Branch:
+    """Return the branch of an attractor, through the fold where it begins, with its stability."""
+    system, branches = known
+    return _judged(system, _followed(system, branches, fold) or _through(system, fold))
 
 
 def _followed(system: System, branches: Sequence[Branch], fold: Critical) -> Branch | None:

@@ -19,7 +19,8 @@ vehicle_hunting.
 
 Source: D. Boocock, Journal Mechanical Engineering Science 11 (1969) 556-566, and D. E. Newland, ASME Journal of
 Engineering for Industry 91 (1969) 908-918, for curving by creep forces until a wheel slips; the rotation resistance is
-the X factor of EN 14363. The figures of limits, bounds and scatter are typical ones, chosen for this example.
+the X factor of EN 14363. The figures of limits, bounds and scatter are typical ones, chosen for this example: no
+standard is quoted for them. Where yours are others, change them in a copy of this file, ``hbbogie design my_copy.py``.
 """
 
 from __future__ import annotations

@@ -326,6 +326,9 @@ COMMANDS = [
     "compare van_der_pol --methods xx",
     "compare van_der_pol --at a,b",
     "chart yang1995 --over zz 1 2",
+    "compare vehicle --at -5",
+    "chart vehicle --over lam 0.2 0.2",
+    "chart vehicle --over yd1 5 6",
     "chart yang1995 --over lam 2 1",
     "identify van_der_pol",
     "critical bautin --parameter zz",
@@ -342,6 +345,15 @@ def test_command_lines_are_refused_before_work_begins(line, orbit, tmp_path, mon
     told = result.exception if isinstance(result.exception, hb.ModelError) else None  # what main() prints
     assert told or (result.exit_code == 2 and "Error: " in result.output), result.output
     assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize("unit", ["", "1"])
+def test_no_unit_is_told_of_a_pure_number(unit):
+    x, a = hb.Coordinate("x", unit), hb.Parameter("a", 1.0, unit, "share", (0.0, 2.0))
+    system = hb.System("spring", [x], [a], [x.ddot + a * x])
+    with pytest.raises(hb.ModelError, match=r"got -1; allowed is a finite number from 0 to 2\.$"):
+        system.with_parameters(a=-1.0)
+    assert repr(a) == "Parameter a = 1: share (0 to 2)"
 
 
 def test_the_helpers_let_pass_what_belongs_there():

@@ -14,7 +14,7 @@ from hbbogie.branches.polishing import EXACT, FINER, Polishing
 from hbbogie.branches.relatives import MIRROR, relatives, turned
 from hbbogie.branches.relaxation import on_one_of, settled, solved
 from hbbogie.branches.same import alike, signature
-from hbbogie.branches.starts import Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
+from hbbogie.branches.starts import RANDOM, Equilibrium, beside_cycle, equilibria_at, equilibrium_near, sizes, starts_of
 from hbbogie.branches.walks import Walked, Walker
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -24,7 +24,7 @@ from hbbogie.methods.scales import amplitude_scale
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
-from hbbogie.motion.energy import group_states
+from hbbogie.motion.energy import group_states, sets_looked_at, together
 from hbbogie.results import Orbit, SpecialPoint
 from hbbogie.results.failure import FAILURES
 
@@ -181,10 +181,10 @@ class Census:
         self.evidence.append(said)
         self.open.append(said)
 
-    def simulate(self) -> None:
-        """Follow motions, and consider the cycles they come near."""
+    def simulate(self, random: bool | None = None) -> None:
+        """Follow motions, and consider the cycles they come near; only those from random states, or no such."""
         system, size = self.system, self._sizes()
-        starts = starts_of(system, self.equilibria, size)
+        starts = [s for s in starts_of(system, self.equilibria, size) if random in (None, s[0] == RANDOM)]
         if self.start is not None:
             starts = [("the start", state_of(system, self.start))]
         h = self._sample_distance()
@@ -206,8 +206,7 @@ class Census:
     def _motion(self, there: System, sense: bool, where: str, x: Array, h: float, size: Array) -> str:
         """Follow a motion; return what it came to, for people."""
         known = [signature(turned(o) if sense else o) for o in self.found]
-        if has_many_states(self.system):  # to look whether harmonics confirm a recurrence takes little time
-            self.failures = 0
+        many = has_many_states(self.system)  # to look whether harmonics confirm a recurrence takes little time
         for met in recurrences(there, x, h, size, known):
             if met.kind == "cycle" and met.orbit is not None:
                 if met.state is not None and met.orbit.tail > ROUGH:  # samples miss what is steep
@@ -215,11 +214,11 @@ class Census:
                         return what
                     if met.orbit.tail > ROUGHEST:
                         continue
-                if self.failures >= (FEW_FAILURES if self.found else MOST_FAILURES):
+                if not many and self.failures >= (FEW_FAILURES if self.found else MOST_FAILURES):
                     continue
                 orbit = turned(met.orbit) if sense else met.orbit
                 if (cycle := self.consider(orbit, f"a motion from {where}", near=True)) is not None:
-                    if has_many_states(self.system) and cycle.verdict == "unstable":  # a motion that passes by
+                    if many and cycle.verdict == "unstable":  # a motion that passes by
                         continue
                     return "came to a cycle"
                 if self.polishing.family:
@@ -280,8 +279,15 @@ class Census:
         return sample_distance(eigenvalues)
 
     def look_in_groups(self) -> None:
-        """Follow motions in which one group of bodies moves as in a cycle found, and the others rest."""
-        for where, x in group_states(self.system, self.found):
+        """Follow motions in which one group of bodies moves as in a cycle found, and those in which several do.
+
+        Of many states each group alone was displaced before.
+        """
+        states = group_states
+        if has_many_states(self.system) and len(self.system.groups) > 1:
+            states = together
+            self.evidence.append(f"motions are begun {sets_looked_at(self.system)}")
+        for where, x in states(self.system, self.found):
             what = "not begun before the time limit"
             if not time_is_over():
                 what = self._motion(self.system, False, where, x, self._sample_distance(), self._sizes())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from hbbogie.brief import brief, lines
 from hbbogie.results import Branch, Orbit
+from hbbogie.units import behind
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ class Comparison:
 
     def __repr__(self) -> str:
         values = [row.value for row in self.rows]
-        at = f" at {self.parameter} = {min(values):g} to {max(values):g} {self.unit}" if values else ""
+        at = f" at {self.parameter} = {min(values):g} to {max(values):g}{behind(self.unit)}" if values else ""
         return lines(
             f"{len(self.rows)} cycles{at} beside {self.truth}", *map(self._said, self.approximations), *self.left_out
         )

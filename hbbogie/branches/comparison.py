@@ -177,10 +177,16 @@ def compare(
     Raises
     ------
     ModelError
-        For an unknown method or parameter, or when there is no Hopf point in the interval.
+        For an unknown method or parameter, a value outside the interval, or when there is no Hopf point in it.
     """
     name = parameter or system.parameter_names[0]
     span = interval or default_reach(system, name)
+    for value in () if values is None else np.asarray(values, dtype=float):
+        if not span[0] <= value <= span[1]:
+            raise ModelError(
+                f"compare: got {name} = {value:g}; give values from {span[0]:g} to {span[1]:g}, "
+                "over which the branches are traced."
+            )
     (truth,) = (_named(system, name) for name in check_methods([truth]))
     given, left_out = default_methods(system) if methods is None else (check_methods(methods), ())
     names = check_methods([_named(system, name) for name in [*given, truth]])

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie import fourier
-from hbbogie.branches.same import alike, of_prime_period
+from hbbogie.branches.same import alike, of_prime_period, peaks_near
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
 from hbbogie.model.turns import turns_of
 from hbbogie.results import Orbit
-from hbbogie.results.failure import ConvergenceError
+from hbbogie.results.failure import FAILURES, ConvergenceError
 from hbbogie.solving.solvers import solve
 from hbbogie.stability.multipliers import floquet
 
@@ -50,6 +50,26 @@ def by_harmonics(system: System, orbit: Orbit, known: Sequence[Orbit] = ()) -> O
             status = f"{cycle.status}; {last.H} harmonics give the frequency within {abs(cycle.omega - last.omega):.1e}"
             return cycle.replace(stability=stability, errors=_errors(cycle, last), status=f"{status} rad/s")
     raise ConvergenceError(f"{ORDERS[-1]} harmonics do not resolve the cycle", orbit=cycle)
+
+
+def come_to(system: System, recurrence: Orbit, least: float) -> Orbit | None:
+    """Return the cycle, if it is not unstable, that harmonics confirm near the recurrence of a motion; else None.
+
+    Parameters
+    ----------
+    system : System
+    recurrence : Orbit
+        Of one period or some.
+    least : float
+        Range of a coordinate, relative to the largest of all, up to which it does not count.
+    """
+    try:
+        cycle = by_harmonics(system, recurrence)
+    except FAILURES:
+        return None
+    times = max(1, round(cycle.omega / recurrence.omega))
+    near = peaks_near(cycle, recurrence.replace(omega=times * recurrence.omega), least)
+    return cycle if near and cycle.verdict != "unstable" else None
 
 
 def _if_odd(system: System, orbit: Orbit) -> Orbit:

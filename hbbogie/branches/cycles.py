@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -132,7 +134,10 @@ def find_cycles(
     with time_limit(limit):
         census = Census(system, name, interval, start, system.n_states == 2 if backwards is None else backwards)
         looks = [census.follow_branches, census.simulate, census.look_in_groups]
-        if has_many_states(system):  # branches take long, and there are many
+        if has_many_states(system) and start is None:  # branches take long, and there are many
+            groups, random = partial(census.simulate, random=False), partial(census.simulate, random=True)
+            looks = [groups, census.look_in_groups, random, census.follow_branches]
+        elif has_many_states(system):
             looks = [*looks[1:], looks[0]]
         for look in (*looks, census.follow_cycles):
             look()

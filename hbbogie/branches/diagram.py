@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,31 +11,29 @@ import numpy as np
 from hbbogie.branches.changing import Changing
 from hbbogie.branches.choice import chosen_methods, equations_of
 from hbbogie.branches.continuation import trace
-from hbbogie.branches.crossing import crossings, is_family
+from hbbogie.branches.crossing import is_family
 from hbbogie.branches.cycles import ORDERS, find_cycles
 from hbbogie.branches.judging import estimate, stability_of
-from hbbogie.branches.same import once_each
+from hbbogie.branches.passing import is_near, passes
 from hbbogie.branches.simulated import settled_cycles
 from hbbogie.brief import lines
-from hbbogie.collocation.method import CollocationEquations
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door, whole
-from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
+from hbbogie.parallel import each, in_processes
 from hbbogie.progress import Progress, silent
 from hbbogie.results import Branch, Orbit, SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES
-from hbbogie.solving.solvers import solve
 
 MAX_POINTS = 600  # of a branch; the family of a conservative system has no end
 RESOLVED = 1e-3  # tail of the spectrum up to which a cycle of a family is shown
-BESIDE = 0.01  # distance from a branch, relative to its largest values, up to which a cycle is on it
 LARGEST = 10.0  # peak up to which a family is shown, in units of the amplitude scale
+Task = tuple[str | HarmonicBalance, Orbit | SpecialPoint, bool]  # method, start, and whether to judge stability
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +86,7 @@ def bifurcation_diagram(
     tolerance: float = 1e-3,
     stability: bool = True,
     max_points: int = MAX_POINTS,
+    workers: int = 1,
     progress: Progress = silent,
 ) -> Diagram:
     """Trace the branches from all Hopf points, those through the system's cycles, and what begins on them.
@@ -114,6 +111,9 @@ def bifurcation_diagram(
         begin at pitchforks, period doublings and branch points.
     max_points : int
         Points of a branch at which it ends.
+    workers : int
+        Processes among which the branches are shared; a script that asks for several does so below
+        ``if __name__ == "__main__":``.
     progress : callable
         Called with (message, fraction done or None).
 
@@ -123,46 +123,51 @@ def bifurcation_diagram(
         For an unknown parameter or an empty interval, or a method that does not apply. What cannot be computed is said
         in the notes.
     """
-    interval = check_interval(system, parameter, interval)
-    given = None if harmonics == "auto" else harmonics
-    method, *others = chosen_methods("bifurcation_diagram", system, method, given, along=parameter)
-    changes = method == "mhb" and "collocation" in others
-    progress("looking for Hopf points", None)
-    hopf = hopf_points(system, parameter, interval)
-    about = _About(system, parameter, interval, hopf, whole("bifurcation_diagram: max_points", max_points, 2), progress)
-    if method != "mhb":
-        return about.by(method, stability)
-    cycles: list[Orbit] | None = None
-    orders = ORDERS[:-1] if changes else ORDERS  # with more of them collocation takes less
-    for H in orders if harmonics == "auto" else (int(harmonics),):
-        notes, said = list[str](), list[str]()
-        progress(f"branches with harmonics up to {H}", None)
-        traced = about.traced(H, False, notes)
-        family = _holds_family(traced, interval, system.values[parameter])
-        if cycles is None:
-            cycles = [] if family else _cycles(system, parameter, harmonics, stability, notes)
-        traced = about.through(cycles, traced, H, False, notes)
-        if harmonics != "auto":
-            break
-        error, said = estimate(system, [b for b in traced if not is_family(b, interval)], H, tolerance)
-        if error <= tolerance or time_is_over():
-            break
-    changes = changes and harmonics == "auto" and error > tolerance
-    if changes and not _holds_family(traced, interval, system.values[parameter]):
-        said = [f"Where {H} harmonics do not resolve the cycles the branches go on by collocation."]
-        about = replace(about, changing=H)
-        traced = traced if stability else about.through(cycles or (), about.traced(H, False, notes), H, False, notes)
-    notes += said
-    if _holds_family(traced, interval, system.values[parameter]):
-        cycles = []  # what was found is but one of the family
-    families = [shown_part(b, HarmonicBalance(H).equations(system)) for b in traced if is_family(b, interval)]
-    if stability:
-        traced = about.through(cycles or (), about.traced(H, True, notes), H, True, notes)
-    branches = [b for b in traced if not is_family(b, interval)]
-    named = numbered("branch", branches) | about.beyond(branches, families, H, notes)
-    return Diagram(
-        parameter, interval, hopf, named, numbered("family", families), cycles or [], tuple(dict.fromkeys(notes))
-    )
+    with in_processes(workers):
+        interval = check_interval(system, parameter, interval)
+        given = None if harmonics == "auto" else harmonics
+        method, *others = chosen_methods("bifurcation_diagram", system, method, given, along=parameter)
+        changes = method == "mhb" and "collocation" in others
+        progress("looking for Hopf points", None)
+        hopf = hopf_points(system, parameter, interval)
+        about = _About(
+            system, parameter, interval, hopf, whole("bifurcation_diagram: max_points", max_points, 2), progress
+        )
+        if method != "mhb":
+            return about.by(method, stability)
+        cycles: list[Orbit] | None = None
+        orders = ORDERS[:-1] if changes else ORDERS  # with more of them collocation takes less
+        for H in orders if harmonics == "auto" else (int(harmonics),):
+            notes, said = list[str](), list[str]()
+            progress(f"branches with harmonics up to {H}", None)
+            traced = about.traced(H, False, notes)
+            family = _holds_family(traced, interval, system.values[parameter])
+            if cycles is None:
+                cycles = [] if family else _cycles(system, parameter, harmonics, stability, notes)
+            traced = about.through(cycles, traced, H, False, notes)
+            if harmonics != "auto":
+                break
+            error, said = estimate(system, [b for b in traced if not is_family(b, interval)], H, tolerance)
+            if error <= tolerance or time_is_over():
+                break
+        changes = changes and harmonics == "auto" and error > tolerance
+        if changes and not _holds_family(traced, interval, system.values[parameter]):
+            said = [f"Where {H} harmonics do not resolve the cycles the branches go on by collocation."]
+            about = replace(about, changing=H)
+            traced = (
+                traced if stability else about.through(cycles or (), about.traced(H, False, notes), H, False, notes)
+            )
+        notes += said
+        if _holds_family(traced, interval, system.values[parameter]):
+            cycles = []  # what was found is but one of the family
+        families = [shown_part(b, HarmonicBalance(H).equations(system)) for b in traced if is_family(b, interval)]
+        if stability:
+            traced = about.through(cycles or (), about.traced(H, True, notes), H, True, notes)
+        branches = [b for b in traced if not is_family(b, interval)]
+        named = numbered("branch", branches) | about.beyond(branches, families, H, notes)
+        return Diagram(
+            parameter, interval, hopf, named, numbered("family", families), cycles or [], tuple(dict.fromkeys(notes))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +185,7 @@ class _About:
     def by(self, method: str, stability: bool) -> Diagram:
         """Return the branches in closed form, or by collocation."""
         notes = [f"The branches are followed by the method {method!r}."]
-        equations = equations_of(method, self.system)
-        branches = [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
+        branches = self.followed(method, self.hopf, stability, notes)
         cycles = list[Orbit]()
         try:
             cycles = find_cycles(self.system, parameter=self.parameter, method=method, stability=stability)
@@ -189,43 +193,30 @@ class _About:
             notes.append(f"Cycles at {self.parameter} = {self.system.values[self.parameter]:g}: {error}")
         inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
         for cycle in cycles if inside else ():
-            if not any(_near(branch, cycle) for branch in branches):
-                branches += self.one(equations, cycle, stability, notes)
+            if not any(is_near(branch, cycle) for branch in branches):
+                branches += self.followed(method, [cycle], stability, notes)
         named = numbered("branch", branches)
         for kind in {s.kind for b in branches for s in b.special if s.onward is not None}:
             starts = [s for b in branches for s in b.special if s.kind == kind and s.onward is not None]
-            beyond = [b for start in starts for b in self.one(equations, start, stability, notes)]
-            named |= numbered(kind.replace(" ", "_"), beyond)
+            named |= numbered(kind.replace(" ", "_"), self.followed(method, starts, stability, notes))
         return Diagram(self.parameter, self.interval, self.hopf, named, {}, cycles, tuple(dict.fromkeys(notes)))
 
-    def one(
-        self,
-        equations: Equations | ExactEquations | CollocationEquations,
-        start: Orbit | SpecialPoint,
-        stability: bool,
-        notes: list[str],
+    def followed(
+        self, method: str | HarmonicBalance, starts: Sequence[Orbit | SpecialPoint], stability: bool, notes: list[str]
     ) -> list[Branch]:
-        """Return the branch from a start, or none and a note why."""
+        """Return the branches from some starts, with a note why for each that has none."""
+        found = self.branches([(method, start, stability) for start in starts])
+        notes += [note for _, note in found if note]
+        return [branch for branches, _ in found for branch in branches]
 
-        def say(value: float) -> None:
-            self.progress(f"tracing a branch: {self.parameter} = {value:.5g}", None)
-
-        options: dict[str, Any] = {"max_points": self.max_points, "stability": stability, "progress": say}
-        try:
-            begins = isinstance(start, SpecialPoint) and start.onward is not None  # its harmonics are others
-            if self.changing and isinstance(equations, Equations) and not begins:
-                return [Changing(self.system, self.parameter, self.interval, self.changing, **options).trace(start)]
-            return [trace(equations, start, self.parameter, self.interval, **options)]
-        except FAILURES as error:
-            place = start.value if isinstance(start, SpecialPoint) else start.parameters[self.parameter]
-            what = start.kind.replace("hopf", "Hopf point") if isinstance(start, SpecialPoint) else "cycle"
-            notes.append(f"No branch was traced from the {what} at {self.parameter} = {place:.6g}: {error}")
-            return []
+    def branches(self, tasks: Sequence[Task]) -> list[tuple[list[Branch], str]]:
+        """Return the branch from each start by its method, or none and a note why."""
+        common = replace(self, progress=silent)  # for other processes
+        return each(_one, common, tasks, self.progress, "tracing a branch")
 
     def traced(self, H: int, stability: bool, notes: list[str]) -> list[Branch]:
         """Return the branches from the Hopf points."""
-        equations = HarmonicBalance(H).equations(self.system)
-        return [b for point in self.hopf for b in self.one(equations, point, stability, notes)]
+        return self.followed(HarmonicBalance(H), self.hopf, stability, notes)
 
     def through(
         self, cycles: Sequence[Orbit], known: Sequence[Branch], H: int, stability: bool, notes: list[str]
@@ -234,19 +225,23 @@ class _About:
         equations, found = HarmonicBalance(H).equations(self.system), list(known)
         inside = self.interval[0] <= self.system.values[self.parameter] <= self.interval[1]
         for cycle in cycles if inside else ():
-            if not any(_near(b, cycle) if self.changing else _passes(equations, b, cycle) for b in found):
-                found += self.one(equations, cycle, stability, notes)
+            if not any(is_near(b, cycle) if self.changing else passes(equations, b, cycle) for b in found):
+                found += self.followed(HarmonicBalance(H), [cycle], stability, notes)
         return found
 
     def beyond(self, branches: list[Branch], families: list[Branch], H: int, notes: list[str]) -> dict[str, Branch]:
         """Return the branches that begin at special points of others, by the kind of the point."""
         found: dict[str, list[Branch]] = {}
-        for special in (s for b in branches for s in b.special if s.onward is not None):
-            if _holds_family(families, self.interval, special.value, 1e-6):
-                continue  # what crosses there is known
-            harmonics = 2 * H if special.kind == "period doubling" else H
-            equations = HarmonicBalance(harmonics, odd=False).equations(self.system)
-            beyond = self.one(equations, special, True, notes)
+        starts = [
+            special
+            for branch in branches
+            for special in branch.special  # but for what crosses a family, which is known
+            if special.onward is not None and not _holds_family(families, self.interval, special.value, 1e-6)
+        ]
+        orders = (2 * H if special.kind == "period doubling" else H for special in starts)
+        tasks = [(HarmonicBalance(K, odd=False), special, True) for K, special in zip(orders, starts, strict=True)]
+        for special, (beyond, note) in zip(starts, self.branches(tasks), strict=True):
+            notes += [note] if note else []
             if special.kind == "pitchfork":
                 beyond = [_one_half(b) for b in beyond]
                 notes.append(
@@ -254,6 +249,28 @@ class _About:
                 )
             found.setdefault(special.kind.replace(" ", "_"), []).extend(beyond)
         return {name: b for kind, many in found.items() for name, b in numbered(kind, many).items()}
+
+
+def _one(
+    about: _About, method: str | HarmonicBalance, start: Orbit | SpecialPoint, stability: bool, progress: Progress
+) -> tuple[list[Branch], str]:
+    """Return the branch from a start, or none and a note why."""
+
+    def say(value: float) -> None:
+        progress(f"tracing a branch: {about.parameter} = {value:.5g}", None)
+
+    system, name, interval = about.system, about.parameter, about.interval
+    options: dict[str, Any] = {"max_points": about.max_points, "stability": stability, "progress": say}
+    try:
+        begins = isinstance(start, SpecialPoint) and start.onward is not None  # its harmonics are others
+        if about.changing and isinstance(method, HarmonicBalance) and not begins:
+            return [Changing(system, name, interval, about.changing, **options).trace(start)], ""
+        equations = equations_of(method, system) if isinstance(method, str) else method.equations(system)
+        return [trace(equations, start, name, interval, **options)], ""
+    except FAILURES as error:
+        place = start.value if isinstance(start, SpecialPoint) else start.parameters[name]
+        what = start.kind.replace("hopf", "Hopf point") if isinstance(start, SpecialPoint) else "cycle"
+        return [], f"No branch was traced from the {what} at {name} = {place:.6g}: {error}"
 
 
 def _one_half(branch: Branch) -> Branch:
@@ -282,31 +299,6 @@ def _cycles(system: System, parameter: str, harmonics: int | str, stability: boo
     except FAILURES as error:
         notes.append(f"Cycles at {parameter} = {system.values[parameter]:g}: {error}")
         return []
-
-
-def _passes(equations: Equations, branch: Branch, cycle: Orbit) -> bool:
-    """Tell whether a branch passes through a cycle, which another method or other harmonics may have found."""
-    try:
-        on_branch = crossings(equations, branch, cycle.parameters[branch.parameter])
-    except ModelError:
-        return True  # a family: it holds cycles of every amplitude
-    with suppress(*FAILURES):
-        cycle = solve(equations, cycle)
-    return len(once_each([*on_branch, cycle])) == len(on_branch)
-
-
-def _near(branch: Branch, cycle: Orbit) -> bool:
-    """Tell whether a branch passes a cycle: at its value in frequency and peaks, on straight lines between points."""
-    value = cycle.parameters[branch.parameter]
-    rows = np.column_stack([branch.omega, *(branch.amplitude(c) for c in cycle.coordinates)])
-    mark = np.array([cycle.omega, *(cycle.amplitude(c) for c in cycle.coordinates)])
-    size = np.maximum(np.abs(rows).max(axis=0), np.finfo(float).tiny)
-    for (a, b), (x, y) in zip(pairwise(branch.values), pairwise(rows), strict=True):
-        if min(a, b) <= value <= max(a, b):
-            share = (value - a) / (b - a) if b != a else 0.0
-            if (np.abs(x + share * (y - x) - mark) <= BESIDE * size + 0.5 * np.abs(y - x)).all():
-                return True
-    return False
 
 
 def _holds_family(

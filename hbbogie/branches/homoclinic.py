@@ -33,6 +33,9 @@ def homoclinic_ending(system: System, orbit: Orbit, where: str) -> Ending | None
     states = np.hstack([q, v[:, list(system.second_order)]])
     size = np.ptp(states, axis=0)
     size = np.maximum(size, 1e-9 * size.max())
+    slow = np.abs(states / size)[:, system.n :] <= NEAR
+    if slow.all(axis=1).mean() < RESTING:  # at rest velocities are none
+        return None
     with np.errstate(all="ignore"):
         x = resting_place(system, states, system.vector(**orbit.parameters), size)
     if x is None:

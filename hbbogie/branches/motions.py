@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hbbogie import fourier
-from hbbogie.branches.confirming import by_harmonics
+from hbbogie.branches.confirming import by_harmonics, come_to
 from hbbogie.branches.same import BLOCKS, in_one_turn, of_prime_period, signature
 from hbbogie.deadline import time_is_over
 from hbbogie.equilibria.census import Start
@@ -29,6 +29,7 @@ from hbbogie.stability.verification import verify
 
 Array = NDArray[np.float64]
 CHUNK, CHUNKS = 500, 8  # samples between two looks at a motion, and looks
+LONG = 40  # looks where many states, of bodies coupled weakly, take hundreds of periods to move in step
 PER_PERIOD = 40  # samples of a period of the linear motion
 TOLERANCE = 1e-7  # of the integration
 STEPPED = 30  # states beyond which steps of a fixed length take less time than those of CVODES
@@ -38,7 +39,7 @@ RECURS = 0.01  # distance of a recurrence from closed, relative to the range
 NEARLY = 0.1  # the same of many states, where Newton's method leads on to the cycle
 LIKE = 0.03  # distance of means and extremes up to which a motion is near a known cycle, relative to its range
 AT_REST = 1e-2  # range of a state of many, relative to the largest, up to which it counts as none
-CLOSER = 3.0  # a recurrence is another candidate when it is closer by so much
+CLOSER = 3.0, 2.0  # a recurrence is another candidate when it is closer by so much, of few states and of many
 TURN = 2 * np.pi
 STATES = (Trajectory, Mapping, np.ndarray)  # types of what gives a state
 HARMONICS = 255  # of the recurrence, at most
@@ -124,6 +125,8 @@ def cycle_after(system: System, start: Start) -> Orbit:
     size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max(initial=1e-300))
     for met in recurrences(system, x, h, size, []):
         kind, orbit = met.kind, met.orbit
+        if has_many_states(system) and orbit is not None and (cycle := come_to(system, orbit, AT_REST)) is not None:
+            return of_prime_period(cycle, turns_of(system.dynamics))
     if orbit is None or kind in ("rest", "unbounded"):
         ends = {"rest": "comes to rest", "unbounded": "leaves every bound"}
         raise ConvergenceError(
@@ -159,7 +162,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     least = AT_REST if many else 0.0  # what hardly moves, far from what does, need not come back
     orbit: Orbit | None = None
     closest, rate = NEARLY if many else RECURS, _rate(system, x, p) if system.n_states > STEPPED else np.inf
-    for _ in range(CHUNKS):
+    for _ in range(LONG if many else CHUNKS):
         if time_is_over():
             break
         try:
@@ -195,7 +198,7 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
             h /= 4
             continue
         if gap <= closest:
-            closest = gap / CLOSER
+            closest = gap / CLOSER[many]
             if advance.any() and changed(system.dynamics, advance):  # angles that turn together have not
                 continue
             orbit = _orbit(system, states, back, h, advance)

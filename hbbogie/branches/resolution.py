@@ -9,7 +9,7 @@ from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import FAILURES
 from hbbogie.results.orbit import NOT_RESOLVED
-from hbbogie.stability.multipliers import floquet
+from hbbogie.stability.multipliers import floquet_of_each
 
 MEET = 0.1  # distance from 1 up to which the two multipliers that meet at a fold may be: the root of their error
 EVEN = 0.3  # distance of their mean from 1, relative to their own, up to which they have parted from 1, to either side
@@ -29,7 +29,7 @@ def meeting(system: System, orbit: Orbit) -> tuple[str, bool]:
     and have parted to both sides of it.
     """
     try:
-        s = floquet(system, orbit)
+        s = floquet_of_each(system, [orbit], level=False)[0]  # its verdict does not count
     except FAILURES:
         return "", False
     m = s.multipliers if s.half_multipliers is None else s.half_multipliers

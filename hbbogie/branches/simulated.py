@@ -19,6 +19,7 @@ from hbbogie.results.failure import ConvergenceError
 from hbbogie.solving.solvers import solve
 
 STARTS = (0.1, 1.0, 4.0)  # amplitudes from which motions are simulated, in units of the amplitude scale
+SMALL = 1e-3  # amplitude, in the same units, below which a motion that is not at rest yet has died out
 CHUNK, LONGEST = 2e3, 1.2e5  # steps simulated between two looks at the motion, and at most
 SLOWEST = 60.0  # or so many time constants of the slowest mode
 MOST = 5e5  # steps of a motion in any case: a stiff system has time constants that no simulation reaches
@@ -52,9 +53,11 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
     found: list[Orbit] = []
     open_questions: list[str] = []
     unresolved: Orbit | None = None
+    goes_on = False
     for settled in _settled(system, starts, moving):
         if settled.kind == "undecided":
             open_questions.append(settled.status.partition("; give a larger")[0].removesuffix("."))
+            goes_on |= settled.amplitudes[moving] > SMALL * float(equations.scale[0])
         if settled.kind != "cycle":
             continue
         guess = last_orbit(system, settled.trajectory, H, moving)
@@ -79,7 +82,8 @@ def settled_cycles(equations: Equations, parameter: str) -> list[Orbit]:
             f"whether {system.name!r} has a cycle at {parameter} = {value:g} is undecided: no branch from a Hopf point "
             f"reaches this value, and a motion is {open_questions[0]}",
             orbit=unresolved,
-            statistics={"unresolved": unresolved is not None},  # whether more harmonics might help
+            # whether more harmonics might help, and whether a motion does not die out
+            statistics={"unresolved": unresolved is not None, "goes on": goes_on or unresolved is not None},
         )
     return once_each(found)
 

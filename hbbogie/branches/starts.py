@@ -25,6 +25,7 @@ STATES = 24  # random states times states of the system
 NEWTON = 20
 LONGEST = 100  # periods in which a motion leaves a cycle
 TOLERANCE = 1e-7  # of its integration
+RANDOM = "a random state"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +130,7 @@ def starts_of(system: System, equilibria: list[Equilibrium], size: Array) -> lis
         x = size * 10.0 ** rng.uniform(-1, 0.5, len(size)) * signs
         x[: system.n] = np.where(np.isfinite(low) & (x[: system.n] < low), low + np.abs(x[: system.n]), x[: system.n])
         x[: system.n] = np.clip(x[: system.n], low, high)
-        starts.append(("a random state", x))
+        starts.append((RANDOM, x))
     inside = [(where, np.append(np.clip(x[: system.n], low, high), x[system.n :])) for where, x in starts]
     return _on_level(system, inside, equilibria, size)
 

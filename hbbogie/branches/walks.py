@@ -39,9 +39,11 @@ from hbbogie.solving.solvers import solve
 COARSE, FINER = 15, 31  # highest harmonics with which branches are followed
 MOST = 120  # points of a branch from a cycle, to either side
 MOST_HARMONICS = 63  # with which a branch of several times the period is followed
-FOLLOWED: dict[str, Any] = {"families": False, "stability": False, "max_points": MOST}
+# cycles at the value are solved for again, and folds are not asked for
+COARSELY: dict[str, Any] = {"tolerance": 1e-7, "doubts": False}
+FOLLOWED: dict[str, Any] = {"families": False, "stability": False, "max_points": MOST, **COARSELY}
 UNRESOLVED = 1e-2  # share of the highest harmonics, or of those left out, beyond which cycles are not resolved
-COARSELY = 1e-6  # error with which branches are followed by collocation; the cycles at the value are solved for again
+MESH_ERROR = 1e-6  # with which branches are followed by collocation; the cycles at the value are solved for again
 WORK = 32_000  # intervals of all points, to either side, times states
 FINE = 0.1  # share of that in the cycle away from which collocation goes on
 MOST_TURNS = 3  # of a cycle that is followed by collocation: chaotic motions lead to ever longer ones
@@ -123,7 +125,7 @@ class Walker:
             return
         equations = HarmonicBalance(COARSE).equations(self.system)
         try:
-            branches = from_hopf(equations, hopf, self.parameter, self.span, self._unresolved)
+            branches = from_hopf(equations, hopf, self.parameter, self.span, self._unresolved, **COARSELY)
         except FAILURES as error:
             yield Walked(f"{name} was not followed: {error}", False, [])
             return
@@ -247,7 +249,7 @@ class Walker:
         """Follow the branch of a cycle by collocation, in both directions or away from the cycle before it."""
         if isinstance(start, Orbit) and (turns := _turns(start)) > MOST_TURNS:
             raise ConvergenceError(f"it goes round {turns} times in a period, in which there may be many more like it")
-        equations = Collocation(tolerance=COARSELY).equations(self.system)
+        equations = Collocation(tolerance=MESH_ERROR).equations(self.system)
         most = MOST_COLLOCATED if before is None else MOST_BEYOND
         limits: dict[str, Any] = {"max_points": most, "work": WORK / self.system.n_states}
         followed = followed_from(equations, start, self.parameter, self.span, before=before, **limits)

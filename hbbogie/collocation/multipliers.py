@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig
+from scipy.linalg.lapack import dgeqrf, dorgqr
 
 from hbbogie.brief import brief
 from hbbogie.collocation.equations import Linearised
@@ -20,6 +21,7 @@ TRUSTED = 1e-2  # largest error of the trivial multiplier, and estimated error o
 SWEEPS, SETTLED = 40, 1e-11  # of an orthogonal iteration, and the change of a logarithm after which it ends
 ROUND_OFF = 1e-9  # multiplier below which another way is taken
 MILD = 1e6  # condition up to which transitions are multiplied
+TOGETHER = 7.0  # range of logarithms of multipliers that are of nearly the same size
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,8 @@ class Spectrum:
         branches cross.
     rate : ndarray, shape (n_states,)
         Scaled rate at the beginning of the period: the direction of the trivial multiplier.
+    transitions : ndarray, shape (N, n_states, n_states), or None
+        Over the intervals, where several multipliers are tiny.
     """
 
     values: Complex
@@ -46,6 +50,7 @@ class Spectrum:
     divergence: float
     singular: float
     rate: Array
+    transitions: Array | None = None
 
     __repr__ = brief
 
@@ -86,15 +91,17 @@ def spectrum_of(line: Linearised) -> Spectrum:
     order = np.argsort(-np.abs(values), kind="stable")
     divergence = float(np.einsum("j,ijkk->", line.equations.gauss.b, line.A))
     values, vectors = values[order].astype(complex), vectors[:, order].astype(complex)
-    return Spectrum(values, vectors, divergence, last.singular, line.rate)
+    several = np.count_nonzero(np.abs(values) < ROUND_OFF) > 1
+    return Spectrum(values, vectors, divergence, last.singular, line.rate, line.transitions if several else None)
 
 
 def log_moduli(transitions: Array) -> tuple[Array, Array]:
     """Return the logarithms of the moduli of the multipliers, and their signs where they are real.
 
     By orthogonal iteration with the factors of the monodromy matrix, which are never multiplied: however small a
-    multiplier, its logarithm is the sum of those of the diagonals. Where some are tiny it ends when these have settled:
-    of the others the sum has, too.
+    multiplier, its logarithm is the sum of those of the diagonals. Those of nearly the same size, of which complex
+    pairs never part, are eigenvalues of the product of their blocks. Where some are tiny it ends when these have
+    settled: of the others the sum has, too.
 
     Parameters
     ----------
@@ -113,25 +120,54 @@ def log_moduli(transitions: Array) -> tuple[Array, Array]:
         if not (np.linalg.cond(pairs) <= MILD).all():
             break
         transitions = pairs
-    Q, last = np.eye(n), np.full(n, np.inf)
+    Q, last, signs = np.eye(n), np.full(n, np.inf), np.ones(n)
     for _ in range(SWEEPS):
-        begin, logarithms, signs = Q, np.zeros(n), np.ones(n)
-        for factor in transitions:
-            Q, R = np.linalg.qr(factor @ Q)
-            logarithms += np.log(np.abs(np.diagonal(R)))
-            signs *= np.sign(np.diagonal(R))
-        moving = np.abs(logarithms - last) > SETTLED * np.maximum(1.0, np.abs(logarithms))
+        begin, triangles = Q, np.empty((len(transitions), n, n))
+        for k, factor in enumerate(transitions):
+            triangles[k], reflections, *_ = dgeqrf(factor @ Q)
+            Q = dorgqr(triangles[k], reflections)[0]
+        diagonals = np.diagonal(triangles, axis1=1, axis2=2)
+        logarithms, signs = np.log(np.abs(diagonals)).sum(axis=0), np.sign(diagonals).prod(axis=0)
+        turn = begin.T @ Q
+        signs *= np.sign(turn.diagonal())
         tiny = logarithms <= np.log(ROUND_OFF)
-        if not (moving[tiny] if tiny.any() else moving).any():
+        asked = tiny if tiny.any() else np.ones(n, dtype=bool)
+        for block in _blocks(logarithms):
+            if asked[block].any():
+                logarithms[block], signs[block] = _of_block(triangles[:, block, block], turn[block, block])
+        moving = np.abs(logarithms - last) > SETTLED * np.maximum(1.0, np.abs(logarithms))
+        if not moving[asked].any():
             break
         last = logarithms
-    k = 0
-    while k + 1 < n:  # a complex pair turns for ever; its product does not
-        if moving[k] and moving[k + 1]:
-            logarithms[k : k + 2] = logarithms[k : k + 2].mean()
-            k += 1
-        k += 1
-    return logarithms, signs * np.sign(np.einsum("ij,ij->j", begin, Q))
+    return logarithms, signs
+
+
+def _blocks(logarithms: Array) -> list[slice]:
+    """Return the places of several logarithms that are taken together; they are divided where they are far apart."""
+    found, left = [], [(0, len(logarithms))]
+    while left:
+        low, high = left.pop()
+        if high - low < 2:
+            continue
+        own = logarithms[low:high]
+        if np.ptp(own) <= TOGETHER:
+            found.append(slice(low, high))
+        else:
+            middle = low + 1 + int(np.argmax(-np.diff(own)))
+            left += [(low, middle), (middle, high)]
+    return found
+
+
+def _of_block(triangles: Array, turn: Array) -> tuple[Array, Array]:
+    """Return logarithms of moduli and signs of eigenvalues of a turn times triangles, the largest first."""
+    product, scale = turn, 0.0
+    for triangle in np.triu(triangles)[::-1]:
+        product = product @ triangle
+        size = np.abs(product).max()
+        product, scale = product / size, scale + np.log(size)
+    values = np.linalg.eigvals(product)
+    values = values[np.argsort(-np.abs(values), kind="stable")]
+    return np.log(np.abs(values)) + scale, np.where(values.real < 0, -1.0, 1.0)
 
 
 def stability_of(spectrum: Spectrum, finer: Spectrum, size: Array, transitions: Array | None = None) -> Stability:

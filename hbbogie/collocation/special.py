@@ -95,8 +95,7 @@ def judged(curve: OnMeshCurve, point: Point) -> CollocatedCycle:
     of_T, of_states = abs(float(point.tangent[-2])), float(np.abs(point.tangent[:-2]).max())
     errors = period + along * of_T, states + along * of_states, waveform + along * of_states, parameter
     own = curve.spectrum(point)
-    transitions = curve.line(point).transitions if len(own.tiny) > 1 else None
-    return finished(curve.equations, point.u, point.error, errors, (own, finer, transitions))
+    return finished(curve.equations, point.u, point.error, errors, (own, finer, own.transitions))
 
 
 def special_between(points: list[Placed], kinds: tuple[str, ...]) -> list[Special]:

@@ -93,6 +93,7 @@ Limit = Annotated[
         help="Time after which to end with what was found, and to say so. A step that has begun is done first.",
     ),
 ]
+Workers = Annotated[int, typer.Option(min=1, metavar="N", help="Processes among which branches and curves are shared.")]
 Interval = Annotated[
     tuple[float, float] | None,
     typer.Option("--range", metavar="LO HI", help="Range of the parameter; by default the problem's own."),
@@ -286,14 +287,16 @@ def do(
     as_json: bool,
     job: Callable[..., Report],
     limit: float | None = None,
+    workers: int = 1,
 ) -> None:
     """Load a problem, do a job (module, system, progress) -> Report in a time, write its files and show it."""
     from hbbogie.commandline.terminal import deliver, progress_shown
+    from hbbogie.parallel import in_processes
     from hbbogie.reports.report import check_directory
 
     module, system = load(name, overrides)
     check_directory(output)
-    with progress_shown() as progress:
+    with progress_shown() as progress, in_processes(workers):
         found = in_time(limit, lambda: job(module, system, progress))
         files = written(found, output, progress)
     deliver(found, files, as_json)

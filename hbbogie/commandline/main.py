@@ -22,6 +22,7 @@ from hbbogie.commandline.application import (
     Overrides,
     ParameterName,
     Problem,
+    Workers,
     app,
     command,
     do,
@@ -48,6 +49,7 @@ def run(
     ] = None,
     method: Method = None,
     limit: Limit = None,
+    workers: Workers = 1,
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
@@ -61,7 +63,7 @@ def run(
             "--method does not go with --figures paper, which takes the methods of the paper; leave one out."
         )
     job = figures_of_paper if figures else functools.partial(run_of, method=method)
-    do(name, overrides, output, as_json, job, limit)
+    do(name, overrides, output, as_json, job, limit, workers)
 
 
 @command(
@@ -92,6 +94,7 @@ def branch(
     ] = None,
     quantity: Annotated[str, typer.Option(help="Of --meets: rms, peak or first harmonic.")] = "rms",
     limit: Limit = None,
+    workers: Workers = 1,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -122,6 +125,7 @@ def branch(
             harmonics=harmonics or "auto",
             stability=stability,
             max_points=max_points,
+            workers=workers,
             progress=progress,
         )
         found = in_time(limit, lambda: report_of_diagram(system, diagram()))
@@ -275,7 +279,8 @@ def main() -> None:
 
     try:
         code = app(sys.argv[1:] or ["--help"], prog_name="hbbogie", standalone_mode=False)
-    except (KeyboardInterrupt, typer.Abort):
+    except (KeyboardInterrupt, typer.Abort):  # while a command is imported; later it says so itself
+        print_error("interrupted before anything was computed.", "--json" in sys.argv, "Interrupted")
         sys.exit(INTERRUPTED)
     except ModelError as error:
         print_error(str(error), "--json" in sys.argv, "UsageError")

@@ -18,6 +18,7 @@ from hbbogie.commandline.application import (
     Overrides,
     ParameterName,
     Problem,
+    Workers,
     command,
     do,
 )
@@ -109,6 +110,7 @@ def critical(
     "hbbogie chart yang1995 --over lam 0.02 0.3",
     "hbbogie chart yang1995 --over K1 1e6 6e6 --set lam=0.1 --json",
     "hbbogie chart bautin --parameter mu --over a 0.1 1",
+    "hbbogie chart vehicle --over lam 0.05 0.4 --range 20 110 --workers 2",
 )
 def chart(
     name: Problem,
@@ -124,6 +126,7 @@ def chart(
         bool,
         typer.Option("--secondary", help="Look for folds also beside an equilibrium that is unstable on both sides."),
     ] = False,
+    workers: Workers = 1,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -135,7 +138,7 @@ def chart(
     options = {"parameter": parameter, "span": interval, "harmonics": harmonics, "secondary": secondary}
     options["method"] = method or "auto"
     job = functools.partial(chart_of, over=second, interval=(low, high), **options)  # type: ignore[arg-type]
-    do(name, overrides, output, as_json, job)
+    do(name, overrides, output, as_json, job, workers=workers)
 
 
 @command(
@@ -166,6 +169,7 @@ DesignFile = Annotated[
 @command(
     "hbbogie design yang1995_design",
     "hbbogie design vehicle_design --samples 0",
+    "hbbogie design vehicle_design --quantile 0.05",
     "hbbogie design problems/yang1995_design.py --starts 4",
     "hbbogie design yang1995_design --robust 2 --set lam=0.06 --json",
 )
@@ -178,12 +182,36 @@ def design(
         float | None,
         typer.Option(metavar="K", help="Raise the mean minus K standard deviations of the critical value."),
     ] = None,
+    quantile: Annotated[
+        float | None, typer.Option(metavar="Q", help="Raise the Q-quantile over random designs, such as 0.05.")
+    ] = None,
+    designs: Annotated[
+        int | None, typer.Option(metavar="N", help="Random designs of --quantile; 10,000 in closed form, else 16.")
+    ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where to begin, such as the optimum.toml of a search that was interrupted."),
+    ] = None,
     output: Output = Path("out"),
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """Choose parameters for the highest critical value under limits, and check the optimum."""
+    """Choose parameters for the highest critical value under limits, and check the optimum.
+
+    Ctrl-C ends the search and writes the best design so far.
+    """
+    from hbbogie.commandline.values import numbers_in
     from hbbogie.reports.design import design_of
 
-    job = functools.partial(design_of, starts=starts, seed=seed, samples=samples, robust=robust)
+    begin = None if start is None else numbers_in(start, "--start")
+    job = functools.partial(
+        design_of,
+        starts=starts,
+        seed=seed,
+        samples=samples,
+        robust=robust,
+        quantile=quantile,
+        designs=designs,
+        start=begin,
+    )
     do(name, overrides, output, as_json, job)

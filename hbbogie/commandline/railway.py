@@ -12,6 +12,7 @@ from hbbogie.commandline.application import AsJson, MaybeOutput, command, writte
 @command(
     "hbbogie conicity s1002 uic60",
     "hbbogie conicity worn_wheel.txt uic60 --gauge 1433 --output out",
+    "hbbogie conicity s1002 uic60 --inclination 0.05",
     "hbbogie conicity s1002 rail.csv --mirror-rail --amplitudes 1,3,5 --json",
     "hbbogie conicity right_wheel.txt uic60 --left-wheel left_wheel.txt --left-radius 459.6",
 )
@@ -38,6 +39,14 @@ def conicity(
     mirror_rail: Annotated[
         bool, typer.Option("--mirror-rail", help="The gauge face is at y > 0 in the file of the rail.")
     ] = False,
+    inclination: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SLOPE",
+            help="Inclination of the rails, such as 0.05 for 1:20: of uic60 in place of 1:40, of a file how much its "
+            "rail is turned inwards.",
+        ),
+    ] = None,
     output: MaybeOutput = None,
     as_json: AsJson = False,
 ) -> None:
@@ -60,6 +69,7 @@ def conicity(
             back_to_back=back_to_back,
             radius=radius,
             mirrored=mirror_rail,
+            inclination=inclination,
             left_wheel=left_wheel,
             left_rail=left_rail,
             left_radius=left_radius,

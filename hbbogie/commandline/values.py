@@ -36,7 +36,7 @@ def quantity(where: str, text: str) -> tuple[float, str]:
     return float(found[1]), (found[2] or "").strip()
 
 
-def values_in(path: Path) -> dict[str, tuple[float, str]]:
+def values_in(path: Path, option: str = "--values") -> dict[str, tuple[float, str]]:
     """Return the values of parameters in a file, each with its unit, which is empty where none is given.
 
     Parameters
@@ -44,6 +44,8 @@ def values_in(path: Path) -> dict[str, tuple[float, str]]:
     path : Path
         A .toml or .json file of names and values, numbers or texts with a unit; or a .csv file with a line for each
         parameter: its name, its value and, if given, its unit. A first line "name, value, unit" is passed over.
+    option : str
+        That names it, for messages.
 
     Raises
     ------
@@ -52,25 +54,36 @@ def values_in(path: Path) -> dict[str, tuple[float, str]]:
     """
     readers = {".toml": _toml, ".json": _json, ".csv": _csv}
     if path.suffix.lower() not in readers:
-        raise ModelError(f"--values {str(path)!r}: give a file that ends in {', '.join(readers)}.")
+        raise ModelError(f"{option} {str(path)!r}: give a file that ends in {', '.join(readers)}.")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise ModelError(f"--values {str(path)!r}: {(error.strerror or str(error)).lower()}.") from error
+        raise ModelError(f"{option} {str(path)!r}: {(error.strerror or str(error)).lower()}.") from error
     except UnicodeDecodeError:
-        raise ModelError(f"--values {str(path)!r}: the file is not text in UTF-8.") from None
+        raise ModelError(f"{option} {str(path)!r}: the file is not text in UTF-8.") from None
     try:
         pairs = readers[path.suffix.lower()](text)
     except ValueError as error:  # of any of the parsers
         raise ModelError(
-            f"--values {str(path)!r} cannot be read: {error}; give names and values, {EXAMPLE}."
+            f"{option} {str(path)!r} cannot be read: {error}; give names and values, {EXAMPLE}."
         ) from error
     found: dict[str, tuple[float, str]] = {}
     for name, value in pairs:
         if name in found:
-            raise ModelError(f"--values {str(path)!r}: {name!r} is given twice; leave one out.")
-        found[name] = _value(f"--values {str(path)!r}: {name}", value)
+            raise ModelError(f"{option} {str(path)!r}: {name!r} is given twice; leave one out.")
+        found[name] = _value(f"{option} {str(path)!r}: {name}", value)
     return found
+
+
+def numbers_in(path: Path, option: str) -> dict[str, float]:
+    """Return the values of parameters in a file, all in their own units; raise `ModelError` for others."""
+    given = values_in(path, option)
+    for name, (value, unit) in given.items():
+        if unit:
+            raise ModelError(
+                f"{option} {str(path)!r}: {name} = {value:g} {unit}; give a number in the parameter's own unit."
+            )
+    return {name: value for name, (value, _) in given.items()}
 
 
 def _value(where: str, value: Any) -> tuple[float, str]:

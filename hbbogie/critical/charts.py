@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -12,29 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.choice import chosen_methods
-from hbbogie.critical.exact_fold_curve import ExactFoldCurve
-from hbbogie.critical.first_folds import exact_folds, harmonic_folds
-from hbbogie.critical.fold_curve import FoldCurve
-from hbbogie.critical.following import Followed, Test, both_ways, follow, not_covered, passes, plane, unresolved
+from hbbogie.critical.first_folds import Fold, FoldSearch, curve_of, folds_of, with_curve
+from hbbogie.critical.following import Followed, Test, both_ways, follow, not_covered, passes, plane
 from hbbogie.critical.hopf_curve import HopfCurve
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door, whole
-from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
-from hbbogie.progress import Progress, silent
+from hbbogie.parallel import each, in_processes, processes_asked
+from hbbogie.progress import Progress, part, silent
 from hbbogie.results import Chart, ChartPoint, CriticalCurve, SpecialPoint
 from hbbogie.results.ending import Ending
 from hbbogie.results.failure import FAILURES
 from hbbogie.solving.curve import Point
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 Array = NDArray[np.float64]
 SEARCHED = 4  # values of the second parameter, evenly over the interval, at which curves are looked for
-POINTS = 60  # of a branch in search of folds: enough for cycles many gaps large
-MORE_POINTS = 200  # where folds are looked for on all branches
-NEAR = 0.03  # of the chart's width and height: how far a curve of folds may stop from its end on a Hopf curve
+HOPF, BRANCHES = 0.05, 0.3  # shares of the work that are done with the Hopf points, and with the first folds
 ROUND_OFF = 1e-14  # of the chart's width and height
 UNDECIDED = 1e-12  # Lyapunov coefficient that counts as zero
 FOLLOWS = ("exact", "mhb")  # methods by which curves of folds are followed
@@ -53,6 +49,7 @@ def chart(
     harmonics: int | None = None,
     secondary: bool = False,
     longest: float = 0.1,
+    workers: int = 1,
     progress: Progress = silent,
     **values: float,
 ) -> Chart:
@@ -81,6 +78,9 @@ def chart(
         both sides.
     longest : float
         Longest step along a curve; a quarter of the chart's width and height is one unit.
+    workers : int
+        Processes among which branches and curves are shared; a script that asks for several does so below
+        ``if __name__ == "__main__":``.
     progress : callable
         Called with (message, fraction done or None).
     **values : float
@@ -113,36 +113,28 @@ def chart(
     if not longest > 0:
         raise ModelError(f"chart: longest={longest!r}; give a positive step.")
     window = check_interval(system, parameter, span), check_interval(system, over, interval)
-    equations = HarmonicBalance(harmonics).equations(system)
-    search = _Search(equations, (parameter, over), window, longest, methods)
+    HarmonicBalance(harmonics).check(system)
+    search = _Search(FoldSearch(system, (parameter, over), *window, harmonics, methods, longest))
     for name, asked, kept in zip((parameter, over), (span, interval), window, strict=True):
         if asked is not None and tuple(map(float, asked)) != kept:
             search.notes.append(
                 f"The range of {name}, ({asked[0]:g}, {asked[1]:g}), was cut to its bounds: ({kept[0]:g}, {kept[1]:g})."
             )
-    for k, value in enumerate(search.places):
-        progress(f"Hopf points at {over} = {value:g}", 0.5 * k / len(search.places))
-        search.hopf_at(value)
-    for k, value in enumerate(search.places):
-        progress(f"folds at {over} = {value:g}", 0.5 + 0.5 * k / len(search.places))
-        search.folds_at(value, secondary)
+    with in_processes(workers):
+        for k, value in enumerate(search.places):
+            progress(f"Hopf points: {over} = {value:g}", HOPF * k / len(search.places))
+            search.hopf_at(value)
+        search.look_for_folds(secondary, progress)
     return search.chart(secondary)
 
 
 class _Search:
     """The curves found so far, and the search for more."""
 
-    def __init__(
-        self,
-        equations: Equations,
-        names: tuple[str, str],
-        window: tuple[tuple[float, float], tuple[float, float]],
-        longest: float,
-        methods: Sequence[str],
-    ):
-        self.equations, self.names, self.longest, self.methods = equations, names, longest, methods
-        self.span, self.interval = window
-        own = equations.system.values[names[1]]
+    def __init__(self, search: FoldSearch):
+        self.search, self.system, self.names = search, search.system, search.names
+        self.span, self.interval = search.span, search.interval
+        own = self.system.values[self.names[1]]
         places = {
             *np.linspace(*self.interval, SEARCHED),
             *([own] if self.interval[0] <= own <= self.interval[1] else []),
@@ -151,10 +143,8 @@ class _Search:
         self.starts: dict[float, list[tuple[SpecialPoint, bool]]] = {}
         self.hopf: list[Followed] = []
         self.folds: list[Followed] = []
+        self.doubts: list[str] = []
         self.notes: list[str] = []
-
-    def _system_at(self, value: float) -> System:
-        return self.equations.system.with_parameters(**{self.names[1]: value})
 
     @contextmanager
     def _noted(self, what: str) -> Iterator[None]:
@@ -166,7 +156,8 @@ class _Search:
 
     def hopf_at(self, value: float) -> None:
         """Find the Hopf points at a value of the second parameter, and follow those on no curve found before."""
-        system, (name, over) = self._system_at(value), self.names
+        (name, over) = self.names
+        system = self.system.with_parameters(**{over: value})
         self.starts[value] = []
         points: list[SpecialPoint] = []
         with self._noted(f"Hopf points at {over} = {value:g}"):
@@ -179,58 +170,56 @@ class _Search:
                 if not any(passes(other, hopf, value) for other in self.hopf):
                     self.hopf.append(both_ways(first, partial(self._hopf_pieces, curve)))
 
-    def folds_at(self, value: float, secondary: bool) -> None:
-        """Find the folds on branches from the Hopf points at a value, and follow those on no curve found before."""
+    def look_for_folds(self, secondary: bool, progress: Progress) -> None:
+        """Find the folds on the branches from the Hopf points, and follow those on no curve found before."""
         name, over = self.names
-        most = MORE_POINTS if secondary else POINTS
-        system, window = self._system_at(value), (self.span, self.interval)
-        ways = {
-            "exact": partial(exact_folds, system, self.names, window, MORE_POINTS),
-            "mhb": partial(harmonic_folds, replace(self.equations, system=system), self.names, window, most),
-        }
-        for hopf in (point for point, limit in self.starts[value] if limit or secondary):
-            branch = f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}"
-            why = ""
-            for method in self.methods:
-                try:
-                    folds, why = ways[method](hopf)
-                except FAILURES as error:
-                    why = f": {error}"
-                    continue
-                for fold, begin in folds:
-                    with self._noted(f"The curve through the fold at {name} = {fold.value:g}, {over} = {value:g}"):
-                        if not any(passes(other, fold, value) for other in self.folds):
-                            curve, first = begin()
-                            self.folds.append(both_ways(first, partial(self._fold_pieces, curve)))
-                if not why:
-                    break
+        branches = [(hopf, value) for value in self.places for hopf, limit in self.starts[value] if limit or secondary]
+        onsets = [
+            (self._rounded(plane(curve, point)), state.slope)
+            for found in self.hopf
+            for kind, point, state, curve in found.marks
+            if kind == "onset"
+        ]
+        self.search = replace(self.search, onsets=tuple(onsets))
+        waiting: list[tuple[str, Fold, float]] = []
+        each_branch = each(folds_of, self.search, branches, part(progress, HOPF, BRANCHES), "folds on branches")
+        for (hopf, value), (folds, why) in zip(branches, each_branch, strict=True):
+            waiting += [(method, fold, value) for method, fold in folds]
             if why:
-                self.notes.append(f"{branch}{why}")
+                self.notes.append(f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}{why}")
+        count, all_folds = processes_asked(), len(waiting)
+        while waiting:
+            progress(
+                f"curves of folds: {all_folds - len(waiting)} of {all_folds} folds",
+                1 - (1 - BRANCHES) * len(waiting) / all_folds,
+            )
+            batch = list[tuple[str, Fold, float]]()
+            while waiting and len(batch) < count:
+                if not self._known(waiting[0]):
+                    batch.append(waiting[0])
+                del waiting[0]
+            tasks = [(*one, count > 1) for one in batch]
+            for one, found in zip(batch, each(curve_of, self.search, tasks), strict=True):
+                self._add(one, found)
+
+    def _known(self, one: tuple[str, Fold, float]) -> bool:
+        """Tell whether a fold lies on a curve found before."""
+        _, fold, value = one
+        return any(passes(other, fold, value) for other in self.folds)
+
+    def _add(self, one: tuple[str, Fold, float], found: tuple[Followed, str] | str) -> None:
+        """Keep the curve through a fold, unless it is one that was found meanwhile, or a note why there is none."""
+        method, fold, value = one
+        if isinstance(found, str):
+            where = f"{self.names[0]} = {fold.value:g}, {self.names[1]} = {value:g}"
+            self.notes.append(f"The curve through the fold at {where}: {found}")
+        elif not self._known(one):
+            self.folds.append(with_curve(self.search, method, fold, value, found[0]))
+            self.doubts.append(found[1])
 
     def _hopf_pieces(self, curve: HopfCurve, start: Point) -> list[Followed]:
         # where another contact is met first, the onset jumps
-        return [follow(curve, start, HOPF_TESTS, ("onset",), self.longest)]
-
-    def _fold_pieces(self, curve: FoldCurve | ExactFoldCurve, start: Point) -> list[Followed]:
-        """Follow a curve of folds one way, across grazing contacts and other changes of their order."""
-        pieces = [follow(curve, start, FOLD_TESTS, (), self.longest)]
-        while len(pieces) <= curve.corners:
-            curve, last = pieces[-1].curves[-1], pieces[-1].points[-1]
-            stuck = pieces[-1].ends[1].kind == "stuck" and self._onset_near(plane(curve, last)) is None
-            if not stuck or (found := curve.beyond(last)) is None:
-                break
-            pieces.append(follow(found[0], found[1], FOLD_TESTS, (), self.longest))
-        return pieces
-
-    def _onset_near(self, here: Array) -> tuple[Array, float] | None:
-        """Return (omega, both parameters) and slope of the onset's change that is near a point, or None."""
-        reach = NEAR * np.array([here[0], self.span[1] - self.span[0], self.interval[1] - self.interval[0]])
-        for found in self.hopf:
-            for kind, point, state, curve in found.marks:
-                there = plane(curve, point)
-                if kind == "onset" and (np.abs(there - here) <= reach).all():
-                    return self._rounded(there), state.slope
-        return None
+        return [follow(curve, start, HOPF_TESTS, ("onset",), self.search.longest)]
 
     def _rounded(self, here: Array) -> Array:
         """Return omega and both parameters, with 0 for what is zero to round-off."""
@@ -243,16 +232,15 @@ class _Search:
         """Return what was found."""
         hopf = tuple(self._hopf_curve(found) for found in self.hopf)
         folds = tuple(map(self._fold_curve, self.folds))
-        self.notes += filter(None, (unresolved(found, self.names[1]) for found in self.folds))
+        self.notes += filter(None, self.doubts)
         ranges = [not_covered(curves, self.interval) for curves in (folds, hopf)]
-        system, (name, over) = self.equations.system, self.names
+        system, (name, over) = self.system, self.names
         units = [system.parameter(n).unit for n in self.names]
-        within = f"with {name} from {self.span[0]:g} to {self.span[1]:g} {_shown(units[0])}".rstrip()
+        within = f"with {name} from {self.span[0]:g} to {self.span[1]:g}{behind(units[0])}"
         where = "" if secondary else " on branches at which rest loses stability"
         for what, gaps in zip((f"fold{where}", "Hopf point"), ranges, strict=True):
             self.notes += [
-                f"No {what} was found for {over} from {a:.6g} to {b:.6g} {_shown(units[1])}".rstrip() + f", {within}."
-                for a, b in gaps
+                f"No {what} was found for {over} from {a:.6g} to {b:.6g}{behind(units[1])}, {within}." for a, b in gaps
             ]
         if not secondary and any(not limit for starts in self.starts.values() for _, limit in starts):
             self.notes.append(
@@ -292,7 +280,7 @@ class _Search:
             for here, state, point in zip(found.planes(), found.states, found.points, strict=True)
         ]
         for at, inner in ((0, 1), (-1, -2)):
-            near = None if ends[at].kind in ("closed", "interval") else self._onset_near(rows[at][0])
+            near = None if ends[at].kind in ("closed", "interval") else self.search.onset_near(rows[at][0])
             if near is None:
                 continue
             last, slope = near
@@ -329,14 +317,6 @@ HOPF_TESTS: dict[str, Test] = {
     "onset": lambda state, point: 0.0 if abs(state.onset) < UNDECIDED else state.onset,
     "turning point": lambda state, point: float(point.tangent[-1]),
 }
-FOLD_TESTS: dict[str, Test] = {
-    "cusp": lambda state, point: state.bend,
-    "turning point": lambda state, point: state.first,
-}
-
-
-def _shown(unit: str) -> str:
-    return "" if unit == "1" else unit
 
 
 def _direction(onset: float) -> str:

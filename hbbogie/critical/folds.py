@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import issparse
 
 from hbbogie.branches.closed_form import exact_fold
 from hbbogie.branches.collocated import collocated_fold
@@ -20,6 +21,7 @@ from hbbogie.exact.method import ExactEquations
 from hbbogie.methods.equations import Equations
 from hbbogie.results import Critical, Orbit, SpecialPoint
 from hbbogie.results.failure import ConvergenceError
+from hbbogie.solving.linear import Factors, Matrix, scaled, with_row
 from hbbogie.solving.newton import Conditions, Problem
 from hbbogie.solving.solvers import solve
 
@@ -145,17 +147,16 @@ def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance:
     y = np.append(equations.encode(orbit), p[place])
     second = equations.hessian_times((place,))
     F, J = _scaled(problem, y)
-    t = np.linalg.qr(J.T, mode="complete")[0][:, -1]
+    t = _tangent(J)
     multipliers, why, error, curvature = np.zeros(len(F)), f"not converged after {ITERATIONS} iterations", np.inf, 0.0
     for iteration in range(ITERATIONS):
         try:
-            inverse = np.linalg.inv(np.vstack([J, t]))
+            along, row, onto = _inverted(J, t, F)
         except np.linalg.LinAlgError:
             why = "the conditions of optimality are singular"
             break
-        # its last column is along the tangent, its last row has the multipliers and what they leave, along t
-        L, multipliers = inverse[-1, -1] * t, -inverse[-1, :-1]
-        t = inverse[:, -1] / np.linalg.norm(inverse[:, -1])
+        L, multipliers = row[-1] * t, -row[:-1]
+        t = along / np.linalg.norm(along)
         W_t = _second_along(problem, second, y, multipliers, t)
         curvature, error = float(t @ W_t), float(max(np.abs(F).max(), np.abs(L).max()))
         if error <= tolerance and iteration:  # one step at least: the parameter is then good to round-off
@@ -164,7 +165,6 @@ def _newton(equations: Equations, place: int, orbit: Orbit, p: Array, tolerance:
         if time_is_over():
             why = "the time limit was reached"
             break
-        onto = -inverse[:, :-1] @ F
         with np.errstate(divide="ignore", invalid="ignore"):
             step = onto - (t[-1] + W_t @ onto) / curvature * t
         y = y + min(1.0, FARTHEST / max(float(np.abs(step).max()), 1e-300)) * problem.scale * step
@@ -238,10 +238,36 @@ def _by_tracing(equations: Equations, place: int, orbit: Orbit, tolerance: float
     return best
 
 
-def _scaled(problem: Problem, y: Array) -> tuple[Array, Array]:
+def _scaled(problem: Problem, y: Array) -> tuple[Array, Matrix]:
     """Return scaled residual and its Jacobian in scaled unknowns."""
-    F, J = problem.evaluate(y)
-    return F / problem.row_scale, J / problem.row_scale[:, None] * problem.scale
+    F, J = problem.linearise(y)
+    return F / problem.row_scale, scaled(J, problem.row_scale, problem.scale)
+
+
+def _tangent(J: Matrix) -> Array:
+    """Return the unit vector that a matrix with one more column than rows makes zero."""
+    if not issparse(J):
+        return np.asarray(np.linalg.qr(J.T, mode="complete")[0][:, -1])
+    t = _inverted(J, np.random.default_rng(0).standard_normal(J.shape[1]), np.zeros(J.shape[0]))[0]
+    return t / np.linalg.norm(t)
+
+
+def _inverted(J: Matrix, t: Array, F: Array) -> tuple[Array, Array, Array]:
+    """Return of the inverse of [J; t] the last column, the last row, and minus its product with [F; 0].
+
+    The column is along the tangent. The row has the multipliers, and last what they leave, along t.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If that matrix is singular.
+    """
+    matrix = with_row(J, t)
+    if not issparse(matrix):
+        inverse = np.linalg.inv(matrix)
+        return inverse[:, -1], inverse[-1], -inverse[:, :-1] @ F
+    factors, last = Factors(matrix), np.append(np.zeros(len(F)), 1.0)
+    return factors.solve(last), factors.solve(last, "T"), -factors.solve(np.append(F, 0.0))
 
 
 def _second_along(problem: Problem, second: ca.Function, y: Array, multipliers: Array, t: Array) -> Array:

@@ -6,19 +6,24 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from hbbogie.branches.closed_form import exact_branch, exact_critical, exact_walk
 from hbbogie.branches.collocated import collocated_critical, followed_from
 from hbbogie.branches.continuation import balanced_trace
 from hbbogie.branches.crossing import complete, extent, from_hopf
 from hbbogie.branches.resolution import MEET, doubt_at_fold
 from hbbogie.collocation.method import Collocation
+from hbbogie.critical.coupled import census_below, left_out
 from hbbogie.critical.folds import fold, located_fold
 from hbbogie.critical.groups import cycles_of_groups
 from hbbogie.critical.harmonic_error import ROUND_OFF, with_error
 from hbbogie.deadline import time_is_over
+from hbbogie.equilibria.census import Start
 from hbbogie.methods.equations import Equations
 from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.system import System
+from hbbogie.motion.energy import moving_groups
 from hbbogie.results.branch import Branch, SpecialPoint
 from hbbogie.results.critical import Critical
 from hbbogie.results.failure import FAILURES, ConvergenceError
@@ -86,6 +91,29 @@ class Search:
                 self.undecided.append(f"the branch of {said} was not followed to its ends: {why}")
             self.branches.append(branch)
             self._add(found, cycle.parameters[parameter])
+
+    def follow_motions(self, parameter: str, hopf: list[float], start: Start | None) -> None:
+        """Follow the branches of cycles to which motions of many groups lead, down to their folds and back up."""
+        census = census_below(self.system, parameter, (self.span[0], min(hopf)), self.low, start)
+        self.evidence += census.evidence
+        coarse, folds = HarmonicBalance(ORDERS[0]).equations(census.system), list[SpecialPoint]()
+        for cycle in census.found:
+            name = f"the branch of the cycle in which {moving_groups(census.system, cycle)} move"
+            try:
+                span = self.span[0], census.value
+                branch = balanced_trace(coarse, cycle, parameter, span, families=False, stability=False, **COARSELY)
+            except FAILURES as error:
+                self.undecided.append(f"{name} was not followed: {error}")
+                continue
+            self.evidence.append(extent(name, branch.values, branch.ends))
+            if why := branch.unfinished:
+                self.undecided.append(f"{name} was not followed to its ends: {why}")
+            self.branches.append(branch)
+            folds += branch.folds()
+        self.lowest = True  # each fold that is solved for takes long
+        folds.sort(key=lambda special: special.value)
+        self._add([self._solved(special, True) for special in folds], census.value)
+        self.undecided.append(left_out(self.system, len(hopf), census.value, parameter))
 
     def _add(self, folds: list[Critical], begin: float) -> None:
         """Keep folds of a branch that begins at a value: below the interval the minima of one that begins inside."""
@@ -206,14 +234,28 @@ class Search:
         """Return why a fold may be none."""
         return "" if self._shift(critical) else doubt_at_fold(self.system, critical.orbit)
 
-    def certified(self, critical: Critical) -> Critical:
+    def certified(self) -> list[Critical]:
+        """Return what was found in increasing order of the value, each as `_certified`.
+
+        Where only the lowest is asked for, folds stay as they are above which no correction leads it.
+        """
+        done, least, reach = list[Critical](), np.inf, SMALL * (self.span[1] - self.span[0])
+        for c in sorted(self.found, key=lambda c: c.value):
+            if c.kind == "fold" and not (self.lowest and c.value > least + reach):
+                c = self._certified(c)
+                least = min(least, c.value)
+            done.append(c)
+        return sorted(done, key=lambda c: c.value)
+
+    def _certified(self, critical: Critical) -> Critical:
         """Return a fold of harmonic balance, corrected, with its error, and a status that says where it is doubtful."""
-        if critical.kind != "fold" or critical.orbit.kept is None or critical.orbit in self.located:
+        if critical.orbit.kept is None or critical.orbit in self.located:
             return critical
         shift = self._shift(critical) if self.corrects and not time_is_over() else None
         if shift and abs(shift.value) <= SMALL * (self.span[1] - self.span[0]):
             error = abs(shift.value) + ROUND_OFF * abs(critical.value)
             status = f"{critical.status}; corrected by {shift.value:.3g} for what {self.harmonics} harmonics leave out"
+            status += "; the cycles next to it are all unstable" if shift.unstable else ""
             return replace(critical, value=critical.value + shift.value, error=error, status=status, apart=shift.apart)
         critical = with_error(self.system, critical, self.harmonics)
         doubt = "" if time_is_over() else self._doubt(critical)

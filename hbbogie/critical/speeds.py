@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hbbogie.branches.choice import chosen_methods, is_switched_linear
+from hbbogie.critical.coupled import has_coupled_groups
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.critical.search import Search
 from hbbogie.deadline import time_is_over, time_limit
@@ -15,8 +16,10 @@ from hbbogie.methods.harmonic import HarmonicBalance
 from hbbogie.model.ranges import check_interval, widened
 from hbbogie.model.system import System
 from hbbogie.motion.energy import moving_groups
+from hbbogie.progress import Progress, silent
 from hbbogie.results.critical import Criticals
 
+FOLLOWED, CORRECTED = 0.3, 0.5  # shares of the work after which branches are followed and folds are known
 HARMONICS = 21  # highest harmonic of a fold by harmonic balance, where none is given
 
 
@@ -30,6 +33,7 @@ def critical_speeds(
     harmonics: int | None = None,
     start: Start | None = None,
     limit: float | None = None,
+    progress: Progress = silent,
     **values: float,
 ) -> Criticals:
     """Find the critical values of a parameter, without a guess: Hopf points and the folds of their branches.
@@ -41,7 +45,9 @@ def critical_speeds(
     keeps the value that its harmonics give.
 
     Where the coordinates belong to groups of bodies, motions in which one group moves below the first Hopf point, or
-    all do, lead to further branches.
+    all do, lead to further branches. Where groups have more than 64 states, as in a train, the branches from Hopf
+    points have too many folds. Then motions in which one group, two neighbours or all move lead to cycles below the
+    first Hopf point, whose branches are followed down to their folds; ``undecided`` says so.
 
     Parameters
     ----------
@@ -62,6 +68,8 @@ def critical_speeds(
         A state: only Hopf points of the equilibrium near it, and their branches, are looked at.
     limit : float, optional, s
         Time after which the search ends with what was found, and says so in ``undecided``.
+    progress : callable
+        Called with (message, fraction done or None).
     **values : float
         Parameter values, by name.
 
@@ -80,7 +88,8 @@ def critical_speeds(
         For wrong names or values, and for a method that does not apply to the system.
     """
     with time_limit(limit):
-        return criticals(system.with_parameters(**values), parameter, interval, method, harmonics, start)
+        system = system.with_parameters(**values)
+        return criticals(system, parameter, interval, method, harmonics, start, progress=progress)
 
 
 def criticals(
@@ -92,6 +101,7 @@ def criticals(
     start: Start | None = None,
     *,
     lowest: bool = False,
+    progress: Progress = silent,
 ) -> Criticals:
     """Return critical values as `critical_speeds`, or only the lowest ones in full.
 
@@ -101,6 +111,7 @@ def criticals(
         As of `critical_speeds`.
     lowest : bool
         Whether folds of harmonic balance that lie above others are only located along their branches.
+    progress : callable
     """
     if harmonics == 0:
         raise ModelError("critical_speeds: harmonics=0; give a whole number from 1.")
@@ -111,17 +122,27 @@ def criticals(
     span = widened(system, parameter, (lo, hi))  # the branch of a fold inside may begin at a Hopf point beyond the end
     corrects = corrects and not is_switched_linear(system)
     search = Search(system, methods, harmonics, span, lo, corrects, lowest)
+    progress("Hopf points", 0.0)
     points = hopf_points(system, parameter, span, start=start)
     search.undecided += points.undecided
     if not points:
         search.evidence += points.evidence
-    for hopf in points:
+    coupled = methods != ("collocation",) and has_coupled_groups(system)
+    for k, hopf in enumerate(points):
+        progress(f"branches: that from {parameter} = {hopf.value:.5g}", FOLLOWED * k / len(points))
         if lo <= hopf.value <= hi:
             search.found.append(hopf_gradient(system, hopf))
-        search.follow(hopf)
-    search.look_in_groups([hopf.value for hopf in points])
+        if not coupled:
+            search.follow(hopf)
+    if len(system.groups) > 1:
+        progress("motions of groups of bodies", FOLLOWED)
+    if coupled and points:
+        search.follow_motions(parameter, [hopf.value for hopf in points], start)
+    else:
+        search.look_in_groups([hopf.value for hopf in points])
     if time_is_over() and not search.undecided:
         search.undecided.append("the time limit was reached before all was searched")
-    inside = [search.certified(c) for c in search.found if c.value <= hi]
-    inside = [replace(c, moves=moving_groups(system, c.orbit)) for c in inside]
-    return Criticals(sorted(inside, key=lambda c: c.value), search.evidence, search.undecided, search.branches)
+    progress("folds", CORRECTED)
+    search.found = [c for c in search.found if c.value <= hi]
+    found = [replace(c, moves=moving_groups(system, c.orbit)) for c in search.certified()]
+    return Criticals(found, search.evidence, search.undecided, search.branches)

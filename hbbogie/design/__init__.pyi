@@ -9,7 +9,6 @@ from .cycle_criteria import RootMeanSquare as RootMeanSquare
 from .identification import Identification as Identification
 from .identification import identify as identify
 from .minimax import Minimum as Minimum
-from .minimax import Sample as Sample
 from .minimax import minimise_largest as minimise_largest
 from .misfit import Measured as Measured
 from .misfit import Parametrisation as Parametrisation
@@ -17,6 +16,8 @@ from .optimisation import Design as Design
 from .optimisation import optimise as optimise
 from .point import DesignPoint as DesignPoint
 from .point import design_point as design_point
+from .quadratic_step import Sample as Sample
+from .quantile import SampledQuantile as SampledQuantile
 from .robust import RobustValue as RobustValue
 from .robust import Spread as Spread
 from .robust import Uncertainty as Uncertainty
@@ -24,7 +25,6 @@ from .robust import predicted as predicted
 from .robust import predicted_below as predicted_below
 from .robust import spreads as spreads
 from .samples import MonteCarlo as MonteCarlo
-from .samples import SampledQuantile as SampledQuantile
 from .samples import monte_carlo as monte_carlo
 from .single_program import SingleLevel as SingleLevel
 from .single_program import single_level as single_level

@@ -6,18 +6,16 @@ of the program, so the kink where another function becomes the largest needs no 
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.brief import brief
-from hbbogie.results.failure import FAILURES, ConvergenceError
+from hbbogie.design.quadratic_step import Sample, Step, corrected, step_within
+from hbbogie.results.failure import FAILURES
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -27,43 +25,6 @@ STATIONARY = 1e-6  # smallest reduction of the violations that counts, as a shar
 LONGEST, SHORTEST = 0.5, 1e-9  # largest and smallest radius of the trust region
 PENALTY, HIGHEST = 1.0, 1e6  # weight of violated constraints: initial and largest
 LEAST, AMPLE = 0.1, 10.0  # that weight is at least the first number, and the second times the largest multiplier
-
-
-@dataclass(frozen=True, eq=False)
-class Sample(Generic[T]):
-    """Functions and constraints at a point, scaled to order one.
-
-    Attributes
-    ----------
-    f : dict of float
-        The functions whose largest is minimised, by name.
-    c : dict of float
-        The constraints c <= 0, by name.
-    slopes : dict of ndarray, shape (n,)
-        Gradients of both, by name.
-    point : object
-        Data that the caller keeps with it.
-    curvatures : dict of callable
-        Functions without arguments that return second derivatives, shape (n, n), by name, where these are known.
-    """
-
-    f: dict[str, float]
-    c: dict[str, float]
-    slopes: dict[str, Array]
-    point: T
-    curvatures: dict[str, Callable[[], Array]] = field(default_factory=dict)
-
-    __repr__ = brief
-
-    @property
-    def largest(self) -> float:
-        """The largest function."""
-        return max(self.f.values())
-
-    @property
-    def violation(self) -> float:
-        """Sum of the violations of the constraints."""
-        return sum(max(c, 0.0) for c in self.c.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +46,8 @@ class Minimum(Generic[T]):
     status : str
     history : list of tuple
         Largest function, violation and radius at each iteration.
+    interrupted : bool
+        Whether the search was ended by `KeyboardInterrupt`, with the best point so far.
     """
 
     x: Array
@@ -95,6 +58,7 @@ class Minimum(Generic[T]):
     converged: bool
     status: str
     history: list[tuple[float, float, float]] = field(default_factory=list)
+    interrupted: bool = False
 
     __repr__ = brief
 
@@ -113,7 +77,7 @@ def minimise_largest(
     ----------
     evaluate : callable
         (x, data kept at a nearby point) -> Sample. It raises `ConvergenceError` or another numerical error if it fails,
-        which shortens the step.
+        which shortens the step, and `KeyboardInterrupt` to end the search with the best point so far.
     x : ndarray, shape (n,)
         Where the search begins.
     near : object, optional
@@ -140,32 +104,23 @@ def minimise_largest(
     radius, penalty = 0.2, PENALTY
     B = rest = np.zeros((len(x), len(x)))
     history: list[tuple[float, float, float]] = []
-    status = f"not converged after {iterations} iterations"
+    status, interrupted = f"not converged after {iterations} iterations", False
     for _ in range(iterations):
         history.append((here.largest, here.violation, radius))
-        step = _step(here, B, x, radius, penalty)
-        if step.slack > 1e-12:
-            # the weight is large enough if a step removes half of the violation that can be removed within the region
-            least = _step(here, B, x, radius, HIGHEST).slack
-            if here.violation > tolerance and here.violation - least <= STATIONARY * here.violation:
-                status = f"ended after {len(history)} iterations: the constraints nearby contradict each other"
-                break
-            while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
-                penalty *= 10
-                step = _step(here, B, x, radius, penalty)
+        step, penalty, least = _weighted(here, B, x, radius, penalty)
+        stuck = here.violation - least <= STATIONARY * here.violation
+        if step.slack > 1e-12 and here.violation > tolerance and stuck:
+            status = f"ended after {len(history)} iterations: the constraints nearby contradict each other"
+            break
         residual = float(np.abs(_projected(here, step, x)).max())
         if residual <= tolerance and here.violation <= tolerance:
             return _minimum(here, step, x, residual, True, f"converged in {len(history)} iterations", history)
         expected = here.largest + penalty * here.violation - step.model
-        there = _tried(evaluate, x + step.d, here.point)
-        gain = -np.inf if there is None else here.largest - there.largest + penalty * (here.violation - there.violation)
-        if there is not None and gain < ACCEPTED * expected:
-            second = _step(here, B, x, radius, penalty, _corrected(here, there, step.d))
-            again = _tried(evaluate, x + second.d, here.point)
-            if again is not None:
-                better = here.largest - again.largest + penalty * (here.violation - again.violation)
-                if better > gain:
-                    step, there, gain = second, again, better
+        try:
+            step, there, gain = _best_tried(evaluate, here, B, x, radius, penalty, step, expected)
+        except KeyboardInterrupt:
+            status, interrupted = f"was interrupted in iteration {len(history)}; this is the best design so far", True
+            break
         length = float(np.abs(step.d).max())
         if there is not None and abs(expected) <= ROUND_OFF * max(1.0, abs(here.largest)):
             gain = expected  # too small to be measured, so accept the step, which improves the optimality conditions
@@ -187,9 +142,50 @@ def minimise_largest(
     if here.violation > tolerance:
         worst = max(here.c, key=lambda name: here.c[name])
         status += f"; {worst}, is violated by {here.c[worst]:.2g} of its size"
-    step = _step(here, B, x, SHORTEST, penalty)
+    step = step_within(here, B, x, SHORTEST, penalty)
     residual = float(np.abs(_projected(here, step, x)).max())
-    return _minimum(here, step, x, residual, False, status, history)
+    return _minimum(here, step, x, residual, False, status, history, interrupted)
+
+
+def _weighted(here: Sample[Any], B: Array, x: Array, radius: float, penalty: float) -> tuple[Step, float, float]:
+    """Return a step, the penalty, and the least violation within the region.
+
+    The penalty is large enough if a step removes half of the violation that can be removed within the region.
+    """
+    step = step_within(here, B, x, radius, penalty)
+    if step.slack <= 1e-12:
+        return step, penalty, 0.0
+    least = step_within(here, B, x, radius, HIGHEST).slack
+    while penalty < HIGHEST and here.violation - step.slack < 0.5 * (here.violation - least):
+        penalty *= 10
+        step = step_within(here, B, x, radius, penalty)
+    return step, penalty, least
+
+
+def _best_tried(
+    evaluate: Callable[[Array, T | None], Sample[T]],
+    here: Sample[T],
+    B: Array,
+    x: Array,
+    radius: float,
+    penalty: float,
+    step: Step,
+    expected: float,
+) -> tuple[Step, Sample[T] | None, float]:
+    """Return a step, or a corrected one where this is not good enough, with what is there and how much it gains."""
+
+    def gained(there: Sample[T] | None) -> float:
+        if there is None:
+            return -np.inf
+        return here.largest - there.largest + penalty * (here.violation - there.violation)
+
+    there = _tried(evaluate, x + step.d, here.point)
+    gain = gained(there)
+    if there is None or gain >= ACCEPTED * expected:
+        return step, there, gain
+    second = step_within(here, B, x, radius, penalty, corrected(here, there, step.d))
+    again = _tried(evaluate, x + second.d, here.point)
+    return (second, again, gained(again)) if gained(again) > gain else (step, there, gain)
 
 
 def _tried(evaluate: Callable[[Array, T | None], Sample[T]], x: Array, near: T) -> Sample[T] | None:
@@ -199,67 +195,6 @@ def _tried(evaluate: Callable[[Array, T | None], Sample[T]], x: Array, near: T) 
         return None
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """Solution of the quadratic program: the step, multipliers by name, remaining violation, value of the model."""
-
-    d: Array
-    weights: dict[str, float]
-    slack: float
-    model: float
-
-
-def _step(
-    here: Sample[Any], B: Array, x: Array, radius: float, penalty: float, values: dict[str, float] | None = None
-) -> _Step:
-    """Minimise t + d B d / 2 + penalty * sum of s subject to f + g d <= t, c + a d <= s, s >= 0 in the trust region."""
-    n, names = len(x), [*here.f, *here.c]
-    k = len(here.c)
-    now = {**here.f, **here.c} if values is None else values
-    top = max(now[i] for i in here.f)  # t is measured from its present value, to be as small as the other unknowns
-    A = np.zeros((len(names), n + 1 + k))
-    A[:, :n] = [here.slopes[i] for i in names]
-    A[: len(here.f), n] = -1.0
-    A[len(here.f) :, n + 1 :] = -np.eye(k)
-    right = np.array([top * (i in here.f) - now[i] for i in names])
-    H = np.zeros((n + 1 + k, n + 1 + k))
-    H[:n, :n] = B
-    lower = np.concatenate([np.maximum(-radius, -x), [-np.inf], np.zeros(k)])
-    upper = np.concatenate([np.minimum(radius, 1 - x), np.full(1 + k, np.inf)])
-    cost = np.concatenate([np.zeros(n), [1.0], np.full(k, penalty)])
-    with contextlib.redirect_stdout(io.StringIO()):  # the solver prints its name whatever its options are
-        solver = _solver(n + 1 + k, len(names))
-        out = solver(h=H, g=cost, a=A, lba=-np.inf, uba=right, lbx=lower, ubx=upper)
-    y, lam = out["x"].full().ravel(), out["lam_a"].full().ravel()
-    d = np.clip(y[:n], lower[:n], upper[:n])
-    reached = dict(zip(names, A[:, :n] @ d, strict=True))
-    slack = sum(max(now[i] + reached[i], 0.0) for i in here.c)
-    model = max(now[i] + reached[i] for i in here.f) + 0.5 * d @ B @ d + penalty * slack
-    weights = {i: float(w) for i, w in zip(names, lam, strict=True) if w > 1e-10}
-    if not any(i in weights for i in here.f):
-        raise ConvergenceError(f"the quadratic program of a step was not solved: {solver.stats()['return_status']}.")
-    return _Step(d, weights, slack, float(model))
-
-
-_SOLVERS: dict[tuple[int, int], ca.Function] = {}
-
-
-def _solver(size: int, rows: int) -> ca.Function:
-    """Return the solver of quadratic programs of this size, built once."""
-    if (size, rows) not in _SOLVERS:
-        options = {"error_on_fail": False, "printLevel": "none", "sparse": False}
-        shapes = {"h": ca.Sparsity.dense(size, size), "a": ca.Sparsity.dense(rows, size)}
-        _SOLVERS[size, rows] = ca.conic("step", "qpoases", shapes, options)
-    return _SOLVERS[size, rows]
-
-
-def _corrected(here: Sample[Any], there: Sample[Any], d: Array) -> dict[str, float]:
-    """Return values such that the linear model is right at the point tried (second-order correction)."""
-    now = {**here.f, **here.c}
-    tried = {**there.f, **there.c}
-    return {i: tried[i] - float(here.slopes[i] @ d) if i in tried else value for i, value in now.items()}
-
-
 def _lagrangian(sample: Sample[Any], weights: dict[str, float]) -> Array | None:
     """Return the gradient of the Lagrangian; None if one of its rows does not exist at the sample."""
     if not all(i in sample.slopes for i in weights):
@@ -267,7 +202,7 @@ def _lagrangian(sample: Sample[Any], weights: dict[str, float]) -> Array | None:
     return np.asarray(sum(w * sample.slopes[i] for i, w in weights.items()))
 
 
-def _projected(sample: Sample[Any], step: _Step, x: Array) -> Array:
+def _projected(sample: Sample[Any], step: Step, x: Array) -> Array:
     """Return the gradient of the Lagrangian without what active bounds hold, followed by the complementarity gaps."""
     g = _lagrangian(sample, step.weights)
     g = np.zeros(len(x)) if g is None else g
@@ -303,7 +238,7 @@ def _held(x: Array, g: Array) -> NDArray[np.bool_]:
     return ((x <= 1e-9) & (g > 0)) | ((x >= 1 - 1e-9) & (g < 0))
 
 
-def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: _Step) -> Array:
+def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: Step) -> Array:
     """Return Powell's damped update of the Hessian of the rest of the Lagrangian, whose derivatives are not known."""
     weights = {i: w for i, w in step.weights.items() if i not in here.curvatures}
     before, after = _lagrangian(here, weights), _lagrangian(there, weights)
@@ -325,14 +260,16 @@ def _updated(B: Array, here: Sample[Any], there: Sample[Any], step: _Step) -> Ar
 
 def _minimum(
     here: Sample[T],
-    step: _Step,
+    step: Step,
     x: Array,
     residual: float,
     converged: bool,
     status: str,
     history: list[tuple[float, float, float]],
+    interrupted: bool = False,
 ) -> Minimum[T]:
     g = _lagrangian(here, step.weights)
     g = np.zeros(len(x)) if g is None else g
     at_bound = ((x <= 1e-9) | (x >= 1 - 1e-9)) & (np.abs(g) > 1e-8)
-    return Minimum(x, here, step.weights, np.where(at_bound, -g, 0.0), residual, converged, status, history)
+    bounds = np.where(at_bound, -g, 0.0)
+    return Minimum(x, here, step.weights, bounds, residual, converged, status, history, interrupted)

@@ -14,6 +14,7 @@ from hbbogie.design.point import DesignPoint
 from hbbogie.design.task import DesignTask
 from hbbogie.errors import ModelError, door
 from hbbogie.model.system import System
+from hbbogie.parallel.processes import interruptions
 from hbbogie.progress import Progress, silent
 from hbbogie.results.failure import FAILURES, ConvergenceError
 
@@ -101,6 +102,8 @@ class Design:
     history : list of tuple
         Objective and sum of the relative violations at each iteration of the best start.
     starts : tuple of Start
+    interrupted : bool
+        Whether Ctrl-C ended the search, with the best design so far.
     """
 
     before: DesignPoint
@@ -118,6 +121,7 @@ class Design:
     status: str
     history: list[tuple[float, float]]
     starts: tuple[Start, ...]
+    interrupted: bool = False
 
     __repr__ = brief
 
@@ -143,6 +147,7 @@ def optimise(
     minimise: Quantity | None = None,
     interval: tuple[float, float] | None = None,
     harmonics: int = 15,
+    start: Mapping[str, float] | None = None,
     starts: int = 1,
     seed: int = 0,
     iterations: int = 60,
@@ -168,6 +173,8 @@ def optimise(
         without any is the end of the range.
     harmonics : int
         Highest harmonic of the cycles.
+    start : mapping from name to float, optional
+        Where the first search begins, such as an earlier ``Design.parameters``; by default at the original design.
     starts : int
         Number of searches. All but the first begin at a Latin hypercube of designs within the bounds.
     seed : int
@@ -196,7 +203,8 @@ def optimise(
     The smallest of several values has a kink where another one becomes the smallest. The program is therefore to
     maximise t subject to t <= each critical value (`minimise_largest`). Each of these values is smooth and has an exact
     gradient (eq-fold-gradient). Folds are followed from design to design. At the end all branches are traced, and the
-    search continues if a lower critical value has appeared.
+    search continues if a lower critical value has appeared. Ctrl-C ends the search at the next report of progress, with
+    the best design so far.
 
     Examples
     --------
@@ -214,32 +222,45 @@ def optimise(
         raise ModelError(f"optimise: over={over!r}; give a pair of bounds for each name, such as {{'K1': (2e6, 5e6)}}.")
     if not (isinstance(starts, int | np.integer) and starts >= 1):
         raise ModelError(f"optimise: starts={starts!r}; give a whole number from 1.")
-    task = DesignTask(system, raise_, dict(over), tuple(subject_to), maximise, minimise, interval, harmonics, progress)
-    before = task.before()
-    first = (system.vector()[task.places] - task.low) / task.width
-    designs = [np.clip(first, 0, 1), *qmc.LatinHypercube(len(task.names), rng=seed).random(starts - 1)]
-    found: list[Minimum[DesignPoint] | None] = []
-    told: list[Start] = []
-    for k, x in enumerate(designs):
-        task.stage = f"start {k + 1} of {starts}" if starts > 1 else "optimising"
-        try:
-            best = task.search(x, None if k else before, tolerance, iterations)
+    with interruptions() as pressed:
+        limits = tuple(subject_to)
+        task = DesignTask(
+            system, raise_, dict(over), limits, maximise, minimise, interval, harmonics, progress, pressed
+        )
+        before = task.before()
+        begin = system.with_parameters(**task.checked(start or {}))
+        first = (begin.vector()[task.places] - task.low) / task.width
+        designs = [np.clip(first, 0, 1), *qmc.LatinHypercube(len(task.names), rng=seed).random(starts - 1)]
+        found: list[Minimum[DesignPoint]] = []
+        told: list[Start] = []
+        for k, x in enumerate(designs):
+            task.stage = f"start {k + 1} of {starts}" if starts > 1 else "optimising"
+            try:
+                best = task.search(x, None if k or start else before, tolerance, iterations)
+            except FAILURES as error:
+                if starts == 1:
+                    raise
+                told.append(Start(task.values(x), float("nan"), False, str(error)))
+                continue
+            except KeyboardInterrupt:
+                if not found:
+                    raise
+                break
             found.append(best)
             feasible = best.sample.violation <= FEASIBLE
             told.append(Start(task.values(x), task.sign * task.size * best.sample.largest, feasible, best.status))
-        except FAILURES as error:
-            if starts == 1:
-                raise
-            found.append(None)
-            told.append(Start(task.values(x), float("nan"), False, str(error)))
-    ended = [m for m in found if m is not None]
-    if not ended:
+            if best.interrupted:
+                break
+        stopped = pressed() > 0
+    if not found:
         raise ConvergenceError(f"optimise: none of {starts} starts could be judged; the first: {told[0].status}")
-    best = min(ended, key=lambda m: (max(m.sample.violation, FEASIBLE), m.sample.largest))
-    return _design(task, before, best, tuple(told))
+    best = min(found, key=lambda m: (max(m.sample.violation, FEASIBLE), m.sample.largest))
+    return _design(task, before, best, tuple(told), stopped)
 
 
-def _design(task: DesignTask, before: DesignPoint, best: Minimum[DesignPoint], starts: tuple[Start, ...]) -> Design:
+def _design(
+    task: DesignTask, before: DesignPoint, best: Minimum[DesignPoint], starts: tuple[Start, ...], stopped: bool
+) -> Design:
     after, system = best.sample.point, task.system
     terms = {term.name: term for term in task.limit_terms(after)}
     active, feasible = [], best.sample.violation <= FEASIBLE
@@ -253,14 +274,13 @@ def _design(task: DesignTask, before: DesignPoint, best: Minimum[DesignPoint], s
             which, unit = "upper" if best.x[k] > 0.5 else "lower", system.parameter(name).unit
             gain = float(abs(best.bounds[k]) * task.size / task.width[k])
             active.append(Active(name, "bound", task.over[name][which == "upper"], unit, which, gain))
-    first, last = (task.sign * task.size * max(t.value for t in task.objective_terms(p)) for p in (before, after))
     return Design(
         before=before,
         after=after,
         over={n: (float(a), float(b)) for n, (a, b) in task.over.items()},
         objective=task.objective,
-        value_before=first,
-        value=last,
+        value_before=task.first,
+        value=task.sign * task.size * best.sample.largest,
         weights={n: w for n, w in best.weights.items() if n in best.sample.f},
         active=tuple(active) if feasible else (),
         limits=_limits(task.limits, before, after),
@@ -270,6 +290,7 @@ def _design(task: DesignTask, before: DesignPoint, best: Minimum[DesignPoint], s
         status=best.status,
         history=[(task.sign * task.size * f, violation) for f, violation, _ in best.history],
         starts=starts,
+        interrupted=stopped,
     )
 
 

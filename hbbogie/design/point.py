@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hbbogie.branches.continuation import trace
 from hbbogie.branches.crossing import branches_from_hopf, crossings
+from hbbogie.branches.simulated import settled_cycles
 from hbbogie.brief import brief
 from hbbogie.critical.curvature import critical_hessian, fold_motion
 from hbbogie.critical.folds import Critical, fold
@@ -71,6 +73,10 @@ class DesignPoint:
         Their names, such as "fold 1". A fold keeps its name from design to design.
     kept : dict
         Cycles computed at this design, by the quantity that needed them.
+    random : dict
+        Random designs about this one, solved for, by the quantity that needed them.
+    searched : bool
+        Whether all branches were traced here, rather than folds followed.
     """
 
     system: System
@@ -80,6 +86,8 @@ class DesignPoint:
     critical: tuple[Critical, ...]
     names: tuple[str, ...]
     kept: dict[Any, Orbit] = field(default_factory=dict)
+    random: dict[Any, tuple[DesignPoint | float, ...]] = field(default_factory=dict)
+    searched: bool = False
 
     __repr__ = brief
 
@@ -128,7 +136,13 @@ def design_point(
     ------
     ConvergenceError
         When the equilibrium is already unstable at the beginning of the range, the gradient of the smallest critical
-        value is not known, or a fold is lost that was to be followed.
+        value is not known, a fold is lost that was to be followed, or a cycle is
+        not followed to its fold.
+
+    Notes
+    -----
+    Cycles may live in the range without a Hopf point that leads to them. Where a search finds no critical value at all,
+    motions at the end of the range are therefore simulated. Where they come to a cycle, its branch leads to the fold.
     """
     equations = HarmonicBalance(harmonics).equations(system)
     eigenvalues = Linearisation(system, parameter).eigen(interval[0])[0]
@@ -145,6 +159,8 @@ def design_point(
     if near is None or anew or lost or hopfs[0] > hopfs[1]:
         found = critical_speeds(system, parameter, interval, harmonics=harmonics)
         new = [c for c in found if c.extremum != "maximum" and not _among(c, known)]
+        if not any(c.value < interval[1] for c in (*known.values(), *new)):
+            new += _apart(system, parameter, interval, harmonics)
         known |= _numbered(new, (*known, *near.names) if near else ())
     kept = sorted(known.items(), key=lambda item: item[1].value)
     if kept and not kept[0][1].gradient and len(system.parameters) > 1:
@@ -152,8 +168,40 @@ def design_point(
         raise ConvergenceError(f"the {first.kind} at {parameter} = {first.value:g} has no gradient: {first.status}")
     kept = [(name, c) for name, c in kept if c.gradient]
     names, critical = tuple(name for name, _ in kept), tuple(c for _, c in kept)
-    cycles = {} if near is None or anew else dict(near.kept)
-    return DesignPoint(system, equations, parameter, interval, critical, names, cycles)
+    cycles, random = ({} if near is None or anew else dict(near.kept)), ({} if near is None else dict(near.random))
+    return DesignPoint(system, equations, parameter, interval, critical, names, cycles, random, near is None or anew)
+
+
+def _apart(system: System, parameter: str, interval: tuple[float, float], harmonics: int) -> list[Critical]:
+    """Return folds that no Hopf point leads to: of the cycles to which motions at the end of the range come.
+
+    Raises
+    ------
+    ConvergenceError
+        When a motion goes on without settling on a cycle, or the branch of its cycle does not end in the range.
+    """
+    equations = HarmonicBalance(harmonics).equations(system.with_parameters(**{parameter: interval[1]}))
+    found: list[Critical] = []
+    try:
+        cycles = settled_cycles(equations, parameter)
+    except ConvergenceError as error:
+        if error.statistics.get("goes on"):
+            raise
+        cycles = []  # motions die out, if slowly
+    for cycle in cycles:
+        branch = trace(equations, cycle, parameter, interval, families=False, stability=False)
+        if branch.values.min() <= interval[0]:
+            raise ConvergenceError(
+                f"the system has a cycle at {parameter} = {interval[0]:g} already, where the range begins.",
+                statistics={"below": interval[0]},
+            )
+        lowest = [fold(equations, special) for special in branch.folds() if special.extremum == "minimum"]
+        if not lowest:
+            raise ConvergenceError(
+                f"a cycle at {parameter} = {interval[1]:g} was not followed down to where it begins: {branch.ends}."
+            )
+        found += [c for c in lowest if not any(coincide(c, other) for other in found)]
+    return found
 
 
 def _followed(near: DesignPoint, system: System, harmonics: int) -> tuple[dict[str, Critical], bool]:

@@ -12,7 +12,7 @@ from scipy import stats
 
 from hbbogie.brief import brief
 from hbbogie.design.point import DesignPoint, Row, critical_rows
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, as_number, told
 from hbbogie.model.system import System
 
 Array = NDArray[np.float64]
@@ -46,6 +46,12 @@ class Uncertainty:
         k = len(self.factors)
         if not k:
             raise ModelError("Uncertainty: factors={} names no parameter; give a distribution for at least one.")
+        for name, given in self.factors.items():
+            if not (hasattr(given, "ppf") and hasattr(given, "dist")):
+                raise ModelError(
+                    f"Uncertainty: the factor of {name!r} is {told(given)}; give a frozen distribution of scipy.stats, "
+                    "such as norm(1, 0.05)."
+                )
         moments = np.array([d.stats(moments="mvsk") for d in self.factors.values()], dtype=float)
         if not np.isfinite(moments).all():
             name = [*self.factors][int(np.argmin(np.isfinite(moments).all(axis=1)))]
@@ -80,6 +86,17 @@ class Uncertainty:
         if self.correlation is not None:
             return np.asarray(1 + self.moments[0] + rng.standard_normal((count, len(self.factors))) @ self.root.T)
         return np.column_stack([d.rvs(count, random_state=rng) for d in self.factors.values()])
+
+    def evenly(self, count: int, seed: int = 0) -> Array:
+        """Return factors that fill their distribution evenly: quantiles of a Sobol sequence, shape (count, k).
+
+        A mean over them converges faster with their number than over independent ones.
+        """
+        cube = stats.qmc.Sobol(len(self.factors), rng=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
+        cube = np.maximum(cube, 1e-12)  # at 0 many distributions are infinite
+        if self.correlation is not None:
+            return np.asarray(1 + self.moments[0] + stats.norm.ppf(cube) @ self.root.T)
+        return np.column_stack([d.ppf(u) for d, u in zip(self.factors.values(), cube.T, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,11 +174,25 @@ def spreads(point: DesignPoint, uncertainty: Uncertainty) -> list[Spread]:
 
 
 def places_of(system: System, parameter: str, uncertainty: Uncertainty) -> list[int]:
-    """Return the places of the uncertain parameters among those of the system."""
-    places = [system.parameter_names.index(system.parameter(n).name) for n in uncertainty.factors]
+    """Return the places of the uncertain parameters among those of the system.
+
+    Raises
+    ------
+    ModelError
+        Where a parameter is unknown, or a factor takes it out of its bounds with a probability of 0.1 % or more.
+    """
     if parameter in uncertainty.factors:
         raise ModelError(f"Uncertainty: {parameter!r} is the parameter whose critical values are computed.")
-    return places
+    for name, factor in uncertainty.factors.items():
+        (low, high), value = system.parameter(name).bounds, system.values[name]
+        ends = sorted(value * float(factor.ppf(q)) for q in (0.001, 0.999))
+        if not low <= ends[0] <= ends[1] <= high:
+            raise ModelError(
+                f"Uncertainty: the factor of {name!r} takes it from {ends[0]:.4g} to {ends[1]:.4g} (quantiles of 0.1 "
+                f"and 99.9 %), but its bounds are ({low:g}, {high:g}); give a narrower distribution, or one with ends "
+                "such as scipy.stats.truncnorm."
+            )
+    return [system.parameter_names.index(name) for name in uncertainty.factors]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +216,12 @@ class RobustValue:
     unit: str = ""
 
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(as_number(self.k)):
+            raise ModelError(
+                f"RobustValue: k = {told(self.k)}; give a finite number of standard deviations, such as 2."
+            )
 
     @classmethod
     def quantile(cls, uncertainty: Uncertainty, q: float, unit: str = "") -> RobustValue:

@@ -1,10 +1,11 @@
-"""Critical values at random designs: Monte Carlo, and a quantile of them with its gradient.
+"""Critical values at random designs: solved for in batches or one after the other, and Monte Carlo.
 
 Where the system is linear between switchings, the random designs are solved for in batches and in closed form.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +13,18 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hbbogie.brief import brief
-from hbbogie.design.point import DesignPoint, Row, design_point
+from hbbogie.design.point import DesignPoint, design_point
 from hbbogie.design.robust import Uncertainty, places_of
 from hbbogie.errors import ModelError, whole
 from hbbogie.exact.critical import NominalDesign, nominal_design
+from hbbogie.model.system import System
 from hbbogie.progress import Progress, silent
 from hbbogie.results.failure import FAILURES, ConvergenceError
 
 Array = NDArray[np.float64]
+Solved = DesignPoint | float  # a random design, or the beginning of the range if critical below it, or NaN
 TOGETHER = 960  # random designs between two reports of progress
+MESSAGE = "random designs"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +73,9 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Find the smallest critical value at random designs about a design.
 
-    The search begins at the folds of the given design. Where the system is linear between switchings, the random
-    designs are solved for in batches and their folds are those of exact cycles, without harmonics that are left out.
+    The folds of the given design are followed to the random ones, from each to its neighbours. Where the system is
+    linear between switchings, the random designs are solved for in batches and their folds are those of exact cycles,
+    without harmonics that are left out.
 
     Parameters
     ----------
@@ -82,101 +87,111 @@ def monte_carlo(
         Called with (message, fraction done).
     """
     factors = uncertainty.sample(whole("monte_carlo: count", count), np.random.default_rng(seed))
-    return MonteCarlo(factors, _sampled(point, uncertainty, factors, progress)[0])
+    values = in_batches(point, uncertainty, factors, progress)[0]
+    rest = np.flatnonzero(np.isnan(values))
+    solved = one_by_one(point, uncertainty, factors[rest], progress=progress)
+    values[rest] = [there.value if isinstance(there, DesignPoint) else there for there in solved]
+    return MonteCarlo(factors, values)
 
 
-@dataclass(frozen=True, eq=False)
-class SampledQuantile:
-    """A quantile of the smallest critical value over random designs, for `optimise` to raise.
-
-    It needs no approximation of the critical values, which may change between folds and Hopf points. The factors are
-    the same at every design, so that the quantile is a continuous function of the design.
-
-    Attributes
-    ----------
-    uncertainty : Uncertainty
-    q : float
-        Such as 0.05: the value that is exceeded with a probability of 95 %.
-    count : int
-        Random designs. In closed form 10,000 take about 20 s of processor time; other systems need fewer.
-    seed : int
-    unit : str
-
-    Notes
-    -----
-    The quantile is the weighted mean of all ordered values by Harrell and Davis, and its gradient the same mean of
-    their gradients. A random design without a value counts as one at the beginning of the range.
-
-    References
-    ----------
-    F. E. Harrell and C. E. Davis, Biometrika 69 (1982) 635-640.
-    """
-
-    uncertainty: Uncertainty
-    q: float = 0.05
-    count: int = 10_000
-    seed: int = 0
-    unit: str = ""
-
-    __repr__ = brief
-
-    def __post_init__(self) -> None:
-        if not 0 < self.q < 1:
-            raise ModelError(f"SampledQuantile: q = {self.q!r}; give a number between 0 and 1.")
-        whole("SampledQuantile: count", self.count)
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return f"{100 * self.q:.3g} % quantile"
-
-    def rows(self, point: DesignPoint) -> list[Row]:
-        """Return the row."""
-        factors = self.uncertainty.sample(self.count, np.random.default_rng(self.seed))
-        values, gradients = _sampled(point, self.uncertainty, factors, silent)
-        unknown = np.isnan(values)
-        values, gradients = np.where(unknown, point.interval[0], values), np.where(unknown[:, None], 0.0, gradients)
-        order, n = np.argsort(values), self.count
-        shares = stats.beta.cdf(np.arange(n + 1) / n, (n + 1) * self.q, (n + 1) * (1 - self.q))
-        weights = np.diff(shares)
-        return [Row(self.name, float(weights @ values[order]), weights @ gradients[order])]
-
-
-def _sampled(point: DesignPoint, uncertainty: Uncertainty, factors: Array, progress: Progress) -> tuple[Array, Array]:
-    """Return smallest critical values at random designs, and their derivatives in the parameters of the given one.
+def in_batches(point: DesignPoint, uncertainty: Uncertainty, factors: Array, progress: Progress) -> tuple[Array, Array]:
+    """Return smallest critical values at random designs in closed form, and their derivatives.
 
     Returns
     -------
     values : ndarray, shape (count,)
-        NaN if a value could not be found.
+        NaN where a value was not found, or the system has no closed form.
     gradients : ndarray, shape (count, number of parameters)
+        In the parameters of the given design.
     """
-    system, places = point.system, places_of(point.system, point.parameter, uncertainty)
-    p = np.tile(system.vector(), (len(factors), 1))
-    p[:, places] *= factors
-    low, high = (np.array([q.bounds[side] for q in system.parameters]) for side in (0, 1))
-    allowed = ((p >= low) & (p <= high)).all(axis=1)
+    places = places_of(point.system, point.parameter, uncertainty)
+    p, allowed = _parameters(point.system, places, factors)
     values, gradients = np.full(len(p), np.nan), np.zeros(p.shape)
     numbers = np.flatnonzero(allowed)
-    if (nominal := _nominal(point)) is not None:
+    if (nominal := closed_form(point)) is not None:
         for i in range(0, len(numbers), TOGETHER):
-            progress("random designs", i / len(numbers))
+            progress(MESSAGE, i / len(numbers))
             some = numbers[i : i + TOGETHER]
             values[some], gradients[some] = _together(nominal, p[some])
-    alone = np.flatnonzero(allowed & np.isnan(values))
-    for i, d in enumerate(alone):
-        progress("random designs", i / len(alone))
-        values[d], gradients[d] = _alone(point, p[d])
     gradients[:, places] *= factors
     return values, gradients
 
 
-def _nominal(point: DesignPoint) -> NominalDesign | None:
+def closed_form(point: DesignPoint) -> NominalDesign | None:
     """Return the design from which batches begin; None where there is none, or no closed form."""
     try:
         return nominal_design(point.system, point.parameter, point.interval)
     except (ModelError, ConvergenceError):
         return None
+
+
+def one_by_one(
+    point: DesignPoint,
+    uncertainty: Uncertainty,
+    factors: Array,
+    before: Sequence[Solved] = (),
+    anew: Sequence[int] = (),
+    progress: Progress = silent,
+) -> list[Solved]:
+    """Return random designs with their critical values, one after the other, those near the given design first.
+
+    The folds of each are followed from the same factors before, or from the nearest design that is solved for. Where
+    this loses a fold that may be the lowest, all branches of the design are traced.
+
+    Parameters
+    ----------
+    point : DesignPoint
+    uncertainty : Uncertainty
+    factors : ndarray, shape (count, k)
+    before : sequence of DesignPoint or float, optional
+        The random designs of the same factors about another design.
+    anew : sequence of int
+        Numbers of those whose branches are traced in any case.
+    progress : callable
+        Called with (message, fraction done).
+    """
+    system = point.system
+    p, allowed = _parameters(system, places_of(system, point.parameter, uncertainty), factors)
+    scale = np.where(uncertainty.moments[1] > 0, uncertainty.moments[1], 1.0)
+    solved: list[Solved] = [float("nan")] * len(factors)
+    known: list[tuple[Array, DesignPoint]] = [(1 / scale, point)]
+    for k, d in enumerate(np.argsort(np.linalg.norm((factors - 1) / scale, axis=1))):
+        progress(MESSAGE, k / len(factors))
+        if not allowed[d]:
+            continue
+        here = factors[d] / scale
+        changed = system.with_parameters(**dict(zip(system.parameter_names, map(float, p[d]), strict=True)))
+        nearest = min(known, key=lambda one: float(np.linalg.norm(one[0] - here)))[1]
+        same = [there for there in before[d : d + 1] if isinstance(there, DesignPoint)]
+        solved[d] = there = _followed(changed, [*same, nearest], d in anew)
+        if isinstance(there, DesignPoint):
+            known.append((here, there))
+    return solved
+
+
+def _followed(system: System, starts: Sequence[DesignPoint], anew: bool) -> Solved:
+    """Return a design as followed from the first of several from which none of its lowest folds is lost."""
+    for start in starts:
+        H = (start.equations.coefficients.size1_out(0) - 1) // 2
+        last = start is starts[-1]
+        if not anew and np.array_equal(start.system.vector(), system.vector()):
+            return start
+        try:
+            return design_point(system, start.parameter, start.interval, H, start, anew, follow=not last)
+        except ConvergenceError as error:
+            if "below" in error.statistics:
+                return float(error.statistics["below"])
+        except FAILURES:
+            pass
+    return float("nan")
+
+
+def _parameters(system: System, places: list[int], factors: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the parameters of random designs, shape (count, number of parameters), and whether they are allowed."""
+    p = np.tile(system.vector(), (len(factors), 1))
+    p[:, places] *= factors
+    low, high = (np.array([q.bounds[side] for q in system.parameters]) for side in (0, 1))
+    return p, np.all((p >= low) & (p <= high), axis=1)
 
 
 def _together(nominal: NominalDesign, p: Array) -> tuple[Array, Array]:
@@ -187,18 +202,3 @@ def _together(nominal: NominalDesign, p: Array) -> tuple[Array, Array]:
     gradient = np.where((value == fold)[:, None], found.fold_gradient, found.hopf.gradient)
     gradient[:, nominal.system.parameter_names.index(nominal.parameter)] = 0.0
     return np.where(found.failed, np.nan, value), gradient
-
-
-def _alone(point: DesignPoint, p: Array) -> tuple[float, Array]:
-    """Return value and gradient of one design; NaN where a value could not be found."""
-    H, system = (point.equations.coefficients.size1_out(0) - 1) // 2, point.system
-    none = np.zeros(len(p))
-    try:
-        changed = system.with_parameters(**dict(zip(system.parameter_names, map(float, p), strict=True)))
-        there = design_point(changed, point.parameter, point.interval, H, point)
-    except ConvergenceError as error:
-        return error.statistics.get("below", np.nan), none
-    except FAILURES:
-        return np.nan, none
-    first = min(there.critical, key=lambda c: c.value, default=None)
-    return there.value, none if first is None else there.gradient(first.gradient)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.design.criteria import CriticalValue, Limit, Quantity
-from hbbogie.design.minimax import Minimum, Sample, minimise_largest
+from hbbogie.design.minimax import Minimum, minimise_largest
 from hbbogie.design.point import DesignPoint, Row, design_point
-from hbbogie.errors import ModelError
+from hbbogie.design.quadratic_step import Sample
+from hbbogie.design.quantile import SampledQuantile
+from hbbogie.errors import ModelError, unknown_name
 from hbbogie.model.ranges import check_interval
 from hbbogie.model.system import System
 from hbbogie.progress import Progress
@@ -68,6 +70,7 @@ class DesignTask:
         interval: tuple[float, float] | None,
         harmonics: int,
         progress: Progress,
+        pressed: Callable[[], int],
     ):
         if maximise is not None and minimise is not None:
             raise ModelError("optimise: got both maximise= and minimise=; give one of them, or none.")
@@ -75,8 +78,10 @@ class DesignTask:
             raise ModelError("optimise: over={} names no parameter to choose; give bounds such as {'K1': (2e6, 5e6)}.")
         self.system, self.parameter, self.over, self.limits = system, system.parameter(raise_).name, over, limits
         self.interval = check_interval(system, raise_, interval)
-        self.harmonics, self.progress, self.stage = harmonics, progress, "optimising"
+        self.harmonics, self.stage, self.evaluated, self._progress, self._pressed = harmonics, "", 0, progress, pressed
         self.objective: Quantity = minimise or maximise or CriticalValue(unit=system.parameter(raise_).unit)
+        if isinstance(self.objective, SampledQuantile):
+            self.objective = replace(self.objective, progress=self.progress)
         self.sign = 1.0 if minimise is not None else -1.0
         self.names = list(over)
         for name, (low, high) in over.items():
@@ -88,18 +93,35 @@ class DesignTask:
                 )
         self.places = [system.parameter_names.index(n) for n in self.names]
         self.low, self.high = (np.array([float(over[n][i]) for n in self.names]) for i in (0, 1))
-        self.width, self.size = self.high - self.low, 1.0
+        self.width, self.size, self.first = self.high - self.low, 1.0, float("nan")
+
+    def progress(self, message: str, fraction: float | None) -> None:
+        """Tell how far the search is; raise `KeyboardInterrupt` if Ctrl-C was pressed, where no library loses it."""
+        if self._pressed():
+            raise KeyboardInterrupt
+        self._progress(message, fraction)
 
     def values(self, x: Array) -> dict[str, float]:
         """Return the parameter values of a point of the unit cube, exact at the bounds."""
         p = np.where(x >= 1, self.high, self.low + self.width * np.clip(x, 0, 1))
         return dict(zip(self.names, map(float, p), strict=True))
 
+    def checked(self, start: Mapping[str, float]) -> dict[str, float]:
+        """Return the values of a start; raise `ModelError` for names that are not to be chosen."""
+        for name in start:
+            if name not in self.over:
+                raise ModelError(
+                    f"optimise: start={dict(start)!r}: {unknown_name('parameter to choose', name, self.over)}"
+                )
+        return dict(start)
+
     def before(self) -> DesignPoint:
-        """Return the original design, and set the scale of the objective."""
+        """Return the original design; set the scale of the objective, and its first value."""
+        self.progress("searching for the critical values of the design before", None)
         point = design_point(self.system, self.parameter, self.interval, self.harmonics)
-        sizes = [abs(row.value) for row in self.objective.rows(point)]
-        self.size = max(sizes, default=1.0) or 1.0
+        values = [row.value for row in self.objective.rows(point)]
+        self.size = max(map(abs, values), default=1.0) or 1.0
+        self.first = self.sign * max((self.sign * value for value in values), default=float("nan"))
         self.limit_terms(point)  # keeps its cycles as starting points
         return point
 
@@ -108,8 +130,14 @@ class DesignTask:
         for _ in range(RESCANS):
             best = minimise_largest(self.evaluate, x, near, tolerance=tolerance, iterations=iterations)
             x = best.x
+            if best.interrupted:
+                return best
             try:
+                self.progress(f"{self.stage}, searching for all critical values anew", None)
                 anew = self.evaluate(x, best.sample.point, anew=True)
+            except KeyboardInterrupt:
+                status = f"{best.status}, but was interrupted before this was confirmed from scratch"
+                return replace(best, converged=False, status=status, interrupted=True)
             except ConvergenceError as error:
                 return replace(best, converged=False, status=f"{best.status}, but not confirmed from scratch: {error}")
             if anew.largest <= best.sample.largest + 1e-9 and anew.violation <= best.sample.violation + 1e-6:
@@ -135,7 +163,8 @@ class DesignTask:
             if term.row.hessian is not None:
                 curvatures[term.name] = partial(self._curvature, term.row.hessian, factor)
         f, c = ({term.name: term.value for term in some} for some in (terms, limits))
-        self.progress(f"{self.stage}: {self.parameter} = {point.value:.5g}", None)
+        self.evaluated += 1
+        self.progress(f"{self.stage}, design {self.evaluated}, {self.parameter} = {point.value:.5g}", None)
         return Sample(f, c, slopes, point, curvatures)
 
     def _curvature(self, hessian: Callable[[Sequence[str]], Array], factor: float) -> Array:

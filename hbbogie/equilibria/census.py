@@ -281,4 +281,6 @@ def _not_smooth(rest: Rest, u: Array) -> list[str]:
     rows = ", ".join(str(k + 1) for k in np.flatnonzero(bad))
     where = ", ".join(f"{n} = {x:.4g}" for n, x in zip(system.coordinate_names, u[i], strict=False))
     why = f": {', '.join(guilty)}, which vanishes or is negative there" if guilty else ""
+    if any("has the root of" in sentence for sentence in guilty):
+        why += " (hbbogie.model.magnitude(x, y) is the root of a sum of squares with its derivatives at rest)"
     return [f"at {where} {what} not finite (equation {rows}){why}; equilibria were searched for around it"]

@@ -21,7 +21,7 @@ from hbbogie.model.system import System
 from hbbogie.reports.cycles import report_of_diagram
 from hbbogie.reports.page import Origin, html_of
 from hbbogie.reports.table import Table, plain
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 KEPT = 8  # diagrams
 
@@ -135,7 +135,7 @@ def _beside(found: Explored, pinned: Explored) -> Table:
             change = now - before if now is not None and before is not None else None
             rows.append(("Hopf point" if kind == "hopf" else kind, before, now, change))
     differ = [
-        f"{n}: {pinned.system.values[n]:.6g} pinned, {v:.6g} now {found.system.parameter(n).unit}".rstrip(" 1") + "."
+        f"{n}: {pinned.system.values[n]:.6g} pinned, {v:.6g} now{behind(found.system.parameter(n).unit)}."
         for n, v in found.system.values.items()
         if v != pinned.system.values[n]
     ]

@@ -79,12 +79,17 @@ class Sampling:
         sx = [ca.SX.sym(s, layout.n) for s in "qva"] + [ca.SX.sym("p", self.n_p), ca.SX.sym("dt")]
         r, dt = parts.remainder(*sx)[list(rows)], self.interval(z)
         slopes = [ca.jacobian(r, s)[:, list(layout.S)] for s in sx[:3]]
-        slopes += [ca.jacobian(r, sx[3])[:, list(free)], ca.jacobian(r, sx[4])]
-        f = ca.Function("slopes", sx, [ca.densify(ca.vec(s)) for s in slopes])
-        values = f.map("slopes", "serial", len(tau), [3, 4], [])(*states, p, dt)
+        places = [(d, *place) for d in range(3) for place in zip(*slopes[d].sparsity().get_triplet(), strict=True)]
+        entries = ca.vertcat(*(slopes[d][i, j] for d, i, j in places))
+        of_p, of_dt = ca.vec(ca.jacobian(r, sx[3])[:, list(free)]), ca.jacobian(r, sx[4])
+        f = ca.Function("slopes", sx, [entries, ca.densify(of_p), of_dt])
+        values, by_p, by_dt = f.map("slopes", "serial", len(tau), [3, 4], [])(*states, p, dt)
         kept, length = fourier.rows_of(layout.kept), np.pi if layout.half else 2 * np.pi
         table = product_table(layout.H, kept, length)
-        moments = ca.DM(sample_moments(layout.H, tau, length))
+        used = sorted(set(table.sparsity().get_triplet()[1]))  # over half a period every other moment
+        moments = ca.DM(sample_moments(layout.H, tau, length)[used])
+        products = ca.horzsplit(ca.mtimes(table[:, used], ca.mtimes(moments, values.T))) if places else []
+        G_of = {place: ca.reshape(G, len(kept), 1 + len(kept)) for place, G in zip(places, products, strict=True)}
         D = fourier.derivative(np.eye(2 * layout.H + 1))[
             np.ix_(fourier.rows_of(layout.moving), fourier.rows_of(layout.moving))
         ]
@@ -95,10 +100,8 @@ class Sampling:
             for j in range(len(layout.S)):
                 block = ca.MX(len(kept), layout.waves)
                 for d in range(3):
-                    if not slopes[d].sparsity().has_nz(i, j):
+                    if (G := G_of.get((d, i, j))) is None:
                         continue
-                    slope = values[d][j * len(rows) + i, :].T
-                    G = ca.reshape(ca.mtimes(table, ca.mtimes(moments, slope)), len(kept), 1 + len(kept))
                     if d == 0 and layout.means:
                         d_mean[:, layout.S[j]] = G[:, 0]
                     if d == 1 and layout.advance:
@@ -110,9 +113,9 @@ class Sampling:
                 columns.append(block)
             moving = ca.horzcat(*columns)[:, list(map(int, layout.keep))] if layout.moving else ca.MX(len(kept), 0)
             A = self.projection(len(tau))
-            if layout.moving and slopes[4].sparsity().has_nz(i, 0):
-                d_omega -= ca.mtimes(A, values[4][i, :].T) * dt / omega
-            d_p = [ca.mtimes(A, values[3][k * len(rows) + i, :].T) for k in range(len(free))]
+            if layout.moving and of_dt.sparsity().has_nz(i, 0):
+                d_omega -= ca.mtimes(A, by_dt[i, :].T) * dt / omega
+            d_p = [ca.mtimes(A, by_p[k * len(rows) + i, :].T) for k in range(len(free))]
             blocks.append(
                 ca.horzcat(moving, d_mean[:, list(layout.means)], *([d_omega] if layout.moving else []), *d_p)
             )

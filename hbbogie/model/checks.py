@@ -14,6 +14,7 @@ from hbbogie.model.elements import Element, force_of
 from hbbogie.model.outputs import Output
 from hbbogie.model.scalars import as_expression, constants
 from hbbogie.model.symbols import Coordinate, Parameter
+from hbbogie.units import behind
 
 T = TypeVar("T", Coordinate, Parameter, Element, Output)
 
@@ -131,9 +132,9 @@ def checked_value(parameter: Parameter, value: Any) -> float:
     (low, high), number = parameter.bounds, as_number(value)
     if not (isfinite(number) and low <= number <= high):
         got = f"{number:g}" if number == number else told(value)
+        unit = behind(parameter.unit)
         raise ModelError(
-            f"parameter {parameter.name!r} ({parameter.description or 'no description'}): got {got} {parameter.unit}; "
-            f"allowed is a finite number from {low:g} to {high:g} {parameter.unit}".rstrip()
-            + "."
+            f"parameter {parameter.name!r} ({parameter.description or 'no description'}): got {got}{unit}; "
+            f"allowed is a finite number from {low:g} to {high:g}{unit}."
         )
     return number

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hbbogie.model.stacked import at_each
 
 if TYPE_CHECKING:
     from hbbogie.model.system import System
@@ -71,15 +74,19 @@ def conserved_along(system: System, orbit: Orbit, p: Array) -> Array:
 
 def _regular(system: System, p: Array, size: Array) -> NDArray[np.bool_]:
     """Tell whether the rates have a regular derivative at some state: what they conserve would be its left null."""
-    P, n = size.shape
+    n = size.shape[1]
     scale = np.where(size > 0, size, 1.0)
-    x = scale * np.random.default_rng(1995).standard_normal(n)
-    A = system.ode_jacobian(x.T, p.T).full().reshape(n, P, n).swapaxes(0, 1) * scale[:, None]
+    A = at_each(system.once, system.ode_jacobian, scale * _somewhere(n), p) * scale[:, None]
     finite = np.isfinite(A).all(axis=(1, 2))
     A[~finite] = 0.0
     rows = np.abs(A).max(axis=2)
     s = np.linalg.svd(A / np.where(rows > 0, rows, 1.0)[:, :, None], compute_uv=False)
     return np.asarray(finite & (s[:, -1] > REGULAR * s[:, 0]))
+
+
+@cache
+def _somewhere(n: int) -> Array:
+    return np.random.default_rng(1995).standard_normal(n)
 
 
 def echelon(rows: Array) -> Array:

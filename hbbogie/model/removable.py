@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from hbbogie.model.ramps import Scalar
+from hbbogie.model.scalars import as_expression
 
 
 def magnitude(*components: Scalar) -> Scalar:
@@ -24,6 +25,7 @@ def magnitude(*components: Scalar) -> Scalar:
     >>> float(magnitude(3.0, 4.0)), float(magnitude(0.0, 0.0))
     (5.0, 0.0)
     """
+    _check("magnitude", *components)
     square = sum(c**2 for c in components)
     return ca.if_else(square > 0, ca.sqrt(ca.if_else(square > 0, square, 1)), 0)
 
@@ -44,5 +46,13 @@ def quotient(numerator: Scalar, denominator: Scalar, limit: Scalar) -> Scalar:
     >>> [round(float(quotient(casadi.sin(x), x, 1.0)), 3) for x in (0.0, 0.5)]
     [1.0, 0.959]
     """
+    _check("quotient", numerator, denominator, limit)
     nonzero = denominator != 0
     return ca.if_else(nonzero, numerator / ca.if_else(nonzero, denominator, 1), limit)
+
+
+def _check(what: str, *given: Scalar) -> None:
+    """Raise `ModelError` unless all of them are expressions or numbers."""
+    for one in given:
+        if not isinstance(one, ca.SX | ca.MX | ca.DM):
+            as_expression(what, one)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from hbbogie.errors import ModelError, as_number, told
+from hbbogie.units import behind
 
 # Keywords of the functions that take the values of parameters by name: a parameter of such a name could not be given.
 _KEYWORDS = (
@@ -153,8 +154,8 @@ def _described(symbol: Coordinate | Parameter, value: str = "") -> str:
     low, high = symbol.bounds
     limits = f" ({low:g} to {high:g})" if np.isfinite([low, high]).any() else ""
     meaning = f": {shorten(symbol.description, 200, placeholder=' ...')}" if symbol.description else ""
-    unit = f" {symbol.unit}" if value else f" [{symbol.unit}]"
-    return f"{symbol.name}{value}{unit if symbol.unit else ''}{meaning}{limits}"
+    unit = behind(symbol.unit) if value else f" [{symbol.unit}]" * bool(symbol.unit)
+    return f"{symbol.name}{value}{unit}{meaning}{limits}"
 
 
 class Coordinate(Expression):

@@ -1,4 +1,5 @@
 from .energy import energy_shares as energy_shares
+from .energy import group_states as group_states
 from .energy import moving_groups as moving_groups
 from .integration import simulate as simulate
 from .settling import Settled as Settled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,9 +67,7 @@ def moving_groups(system: System, orbit: Orbit) -> str:
 
 
 def group_states(system: System, cycles: list[Orbit]) -> Iterator[tuple[str, Array]]:
-    """Yield states in which one group of bodies moves and all others rest, and then states in which all groups move.
-
-    A motion from the latter need not come to a cycle of any branch from a Hopf point.
+    """Yield states in which one group of bodies moves and all others rest, and then those of `together`.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ def group_states(system: System, cycles: list[Orbit]) -> Iterator[tuple[str, Arr
         For people, and the state. Nothing with fewer than two groups.
     """
     yield from alone(system, cycles)
-    yield from _together(system, cycles)
+    yield from together(system, cycles)
 
 
 def alone(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
@@ -102,30 +101,87 @@ def alone(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
     """
     if len(system.groups) < 2 or not cycles:
         return []
-    starts = []
-    for name, names in system.groups.items():
-        orbit = max(cycles, key=lambda o: _energies(system, o)[_places(o, names)].sum())
-        own = _places(orbit, names)
-        others = [c for group, names in system.groups.items() if group != name for c in names]
-        largest = own[int(np.argmax(_energies(system, orbit)[own]))]
-        crest = float(np.arctan2(*orbit.coefficients[[2, 1], largest])) / orbit.omega
-        q, v = orbit.q(crest)[0], orbit.v(crest)[0]
-        for x in (q, v):
-            x[_places(orbit, others)] = 0.0
-        starts.append((f"a state in which only the {name} moves", np.append(q, v[list(system.second_order)])))
-    return starts
+    return [(f"a state in which only the {name} moves", _state(system, cycles, name)) for name in system.groups]
 
 
-def _together(system: System, cycles: list[Orbit]) -> list[tuple[str, Array]]:
-    """Return states in which all groups move, each as in `alone`: in phase, and of two also in opposite phase."""
-    states = np.array([x for _, x in alone(system, cycles)])
-    if not len(states):
-        return []
-    share = np.where((states != 0).sum(axis=0) > 1, 1 / len(states), 1.0)  # of what belongs to no group
-    starts = [("a state in which all groups move", share * states.sum(axis=0))]
-    if len(states) == 2:
-        starts.append(("a state in which both groups move in opposite ways", share * (states[0] - states[1])))
-    return starts
+def together(system: System, cycles: list[Orbit]) -> Iterator[tuple[str, Array]]:
+    """Yield states in which several groups move, each as in `alone`: all of them, and of many also each two neighbours.
+
+    A motion from such a state need not come to a cycle of any branch from a Hopf point. The states are one more than
+    there are groups, and two: not one for each set of groups that may move.
+
+    Parameters
+    ----------
+    system : System
+    cycles : list of Orbit
+        Those that are added meanwhile count for the later states.
+
+    Yields
+    ------
+    (str, ndarray of shape (n_states,))
+        For people, and the state.
+    """
+    names = list(system.groups)
+    if len(names) > 2:
+        for pair in pairwise(names):
+            if states := [_state(system, cycles, name) for name in pair if cycles]:
+                yield f"a state in which the {' and the '.join(pair)} move", _sum(states)
+        if lags := _lags(system, cycles):
+            states = [_state(system, cycles, name, lag) for name, lag in zip(names, lags, strict=True)]
+            yield "a state in which all groups move, each after the one before as in their common cycle", _sum(states)
+    if states := [x for _, x in alone(system, cycles)]:
+        yield "a state in which all groups move", _sum(states)
+        signs = (-1.0) ** np.arange(len(states))
+        which = "both groups move" if len(states) == 2 else "all groups move, neighbours"
+        yield (
+            f"a state in which {which} in opposite ways",
+            _sum([sign * x for sign, x in zip(signs, states, strict=True)]),
+        )
+
+
+def sets_looked_at(system: System) -> str:
+    """Return of which sets of many groups `alone` and `together` have all move, for people."""
+    k = len(system.groups)
+    return f"of the {2**k - 1} sets of groups that may move at once {2 * k}: each alone, each two neighbours and all"
+
+
+def _sum(states: list[Array]) -> Array:
+    """Return the sum of states, and of what belongs to no group the mean."""
+    return np.sum(states, axis=0) * np.where((np.array(states) != 0).sum(axis=0) > 1, 1 / len(states), 1.0)
+
+
+def _state(system: System, cycles: list[Orbit], name: str, lag: float = 0.0) -> Array:
+    """Return the state of a group so much before its crest [rad], in the cycle where it moves most; others rest."""
+    orbit = max(cycles, key=lambda o: _energies(system, o)[_places(o, system.groups[name])].sum())
+    others = [c for group, names in system.groups.items() if group != name for c in names]
+    time = (_crest(system, orbit, name) - lag) / orbit.omega
+    q, v = orbit.q(time)[0], orbit.v(time)[0]
+    for x in (q, v):
+        x[_places(orbit, others)] = 0.0
+    return np.append(q, v[list(system.second_order)])
+
+
+def _crest(system: System, orbit: Orbit, name: str) -> float:
+    """Return the phase [rad] at which the coordinate of a group that has most energy is at its crest."""
+    own = _places(orbit, system.groups[name])
+    largest = own[int(np.argmax(_energies(system, orbit)[own]))]
+    return float(np.arctan2(*orbit.coefficients[[2, 1], largest]))
+
+
+def _lags(system: System, cycles: list[Orbit]) -> list[float]:
+    """Return after the first group's crest [rad] those of all groups, as in cycles of neighbours; empty without them.
+
+    Of each two neighbours that cycle counts in which they move most and others least.
+    """
+    names, lags = list(system.groups), [0.0]
+    shares = [energy_shares(system, orbit) for orbit in cycles]
+    for first, second in pairwise(names):
+        both = [min(share.get(first, 0.0), share.get(second, 0.0)) for share in shares]
+        k = int(np.argmax(both)) if both else -1
+        if k < 0 or not both[k] >= MOVES * max(shares[k].values(), default=np.inf):
+            return []
+        lags.append(lags[-1] + _crest(system, cycles[k], second) - _crest(system, cycles[k], first))
+    return lags
 
 
 def _places(orbit: Orbit, names: tuple[str, ...] | list[str]) -> list[int]:

@@ -60,9 +60,10 @@ def equivalent_conicity(shift: ArrayLike, difference: ArrayLike, amplitude: Arra
         raise ModelError(f"amplitude: got {amplitude!r}; give finite numbers above 0 in mm.")
     c = table.centres(A)
     with np.errstate(divide="ignore", invalid="ignore"):
-        kinetic = table.potential(c + A)[:, None] - table.potential(c[:, None] + A[:, None] * np.sin(ANGLES))
+        highest = table.potential(c + A)[:, None]
+        kinetic = highest - table.potential(c[:, None] + A[:, None] * np.sin(ANGLES))
         # rounding leaves something where the difference is zero over the whole travel: a straight run, no conicity
-        kinetic[np.abs(kinetic) < 1e-13 * np.abs(table.areas).max()] = 0.0
+        kinetic[np.abs(kinetic) < 1e-13 * highest] = 0.0
         kinetic[kinetic < 0] = np.nan
         integral = (A[:, None] * np.cos(ANGLES) / np.sqrt(kinetic)).mean(axis=1) * np.pi
         equivalent = (np.pi / integral) ** 2
@@ -79,7 +80,7 @@ class _Table:
         Shifts and differences.
     slopes : ndarray, shape (m - 1,), 1
     areas : ndarray, shape (m,), mm2
-        The potential, the integral of the difference, at the shifts.
+        The potential, the integral of the difference, at the shifts; zero where it is smallest.
     """
 
     y: Array
@@ -102,10 +103,10 @@ class _Table:
                 "the shift. Turn its sign, or that of the shift, if it is taken the other way round."
             )
         areas = np.append(0.0, np.cumsum(np.diff(y) * (d[1:] + d[:-1]) / 2))
-        return cls(y, d, np.diff(d) / np.diff(y), areas)
+        return cls(y, d, np.diff(d) / np.diff(y), areas - areas.min())
 
     def potential(self, y: Array) -> Array:
-        """Return the integral of the difference up to shifts inside the table [mm2]."""
+        """Return the potential at shifts inside the table [mm2]."""
         i = np.clip(np.searchsorted(self.y, y, "right") - 1, 0, len(self.y) - 2)
         u = y - self.y[i]
         return np.asarray(self.areas[i] + u * (self.d[i] + self.slopes[i] * u / 2))

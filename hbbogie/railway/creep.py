@@ -298,7 +298,8 @@ def _arrays(creepages: tuple[Any, ...]) -> list[NDArray[np.float64]]:
             f"creepages: {error}; give numbers, arrays of one shape, or expressions of coordinates and parameters."
         ) from None
     if not all((np.abs(a) <= LARGEST).all() for a in arrays):  # not where one is NaN either
-        raise ModelError(f"creepages: got {told(creepages)}; give finite numbers up to {LARGEST:g}.")
+        beyond = next(c for c, a in zip(creepages, arrays, strict=True) if not (np.abs(a) <= LARGEST).all())
+        raise ModelError(f"creepages: got {told(beyond)}; give finite numbers up to {LARGEST:g}.")
     return list(arrays)
 
 

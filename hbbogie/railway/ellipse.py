@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipe, elliprd
 
-from hbbogie.errors import ModelError, as_number, positive
+from hbbogie.errors import ModelError, as_number, positive, told
 from hbbogie.railway.creep import LinearKalker
 
 STEEL_SHEAR, STEEL_POISSON = 8.2e10, 0.28  # Pa and 1, those of the Manchester contact benchmark
@@ -103,11 +103,13 @@ def kalker_coefficients(ratio: float, nu: float = STEEL_POISSON) -> tuple[float,
     >>> [round(c, 3) for c in kalker_coefficients(1 / 0.7, nu=0.25)]
     [4.54, 4.21, 1.95, 0.965]
     """
-    ratio, nu = as_number(ratio), as_number(nu)
-    if not 0.1 - 1e-12 <= ratio <= 10 + 1e-12:
-        raise ModelError(f"a/b = {ratio:g} is outside Kalker's table; give 0.1 to 10, or the coefficients themselves.")
-    if not 0 <= nu <= 0.5:
-        raise ModelError(f"Poisson's ratio nu = {nu:g} is outside Kalker's table; give 0 to 0.5.")
+    if not 0.1 - 1e-12 <= as_number(ratio) <= 10 + 1e-12:
+        raise ModelError(
+            f"a/b = {told(ratio)} is outside Kalker's table; give 0.1 to 10, or the coefficients themselves."
+        )
+    if not 0 <= as_number(nu) <= 0.5:
+        raise ModelError(f"Poisson's ratio nu = {told(nu)} is outside Kalker's table; give 0 to 0.5.")
+    ratio, nu = float(ratio), float(nu)
     table, g = (NARROW, ratio) if ratio <= 1 else (LONG, 1 / ratio)
     place = np.clip((g - 0.1) / 0.1, 0, 9)
     row = min(int(place), 8)
@@ -146,7 +148,7 @@ def hertz_ellipse(
     Raises
     ------
     ModelError
-        For a load or radius that is not positive, and for a hollow wheel that is not flatter than the rail.
+        For a load, radius or modulus that is not positive, and for a hollow wheel that is not flatter than the rail.
 
     References
     ----------
@@ -160,8 +162,17 @@ def hertz_ellipse(
     (5.88, 4.42)
     """
     positive("load", load, "N")
+    positive("shear", shear, "Pa")
+    if not -1 < as_number(nu) <= 0.5:
+        raise ModelError(f"hertz_ellipse: Poisson's ratio nu = {told(nu)}; give a number above -1 and up to 0.5.")
+    hollow = as_number(wheel_profile_radius)
+    if np.isnan(hollow) or hollow == 0:
+        raise ModelError(
+            f"wheel_profile_radius: got {told(wheel_profile_radius)}; give a number in m, negative for a hollow wheel "
+            "and infinite for a cone."
+        )
     along = 1 / positive("wheel_radius", wheel_radius, "m")
-    across = 1 / positive("rail_radius", rail_radius, "m") + 1 / float(wheel_profile_radius)
+    across = 1 / positive("rail_radius", rail_radius, "m") + 1 / hollow
     if not across > 0:
         raise ModelError(
             f"a wheel profile of radius {wheel_profile_radius:g} m encloses a rail of {rail_radius:g} m: the "

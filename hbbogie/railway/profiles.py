@@ -10,19 +10,21 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
-from hbbogie.errors import ModelError
+from hbbogie.errors import ModelError, as_number, told
 
 Array = NDArray[np.float64]
 FLANGE = 10.0  # mm: what a flange or the side of a rail head is at least higher than the running surface
 FEWEST = 10  # points of a profile
+STEEP = 50.0  # slope from which points are joined by straight lines: splines overshoot beside upright faces
+LEANING = 0.2  # inclination of a rail, at most
 ROUNDS = 2.0  # length of a contour over the way round all of it, at most: measured points may be noisy
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The cross-section of a wheel or of a rail, a cubic spline through points.
+    """The cross-section of a wheel or of a rail, a cubic spline through points, with straight lines on upright faces.
 
     Parameters
     ----------
@@ -51,9 +53,15 @@ class Profile:
         object.__setattr__(self, "z", z)
 
     @cached_property
-    def spline(self) -> CubicSpline:
-        """The cubic spline z(y)."""
-        return CubicSpline(self.y, self.z)
+    def spline(self) -> PPoly:
+        """The curve z(y): cubic splines, and straight lines between points that are one above the other."""
+        coefficients = np.zeros((4, len(self.y) - 1))
+        coefficients[2], coefficients[3] = np.diff(self.z) / np.diff(self.y), self.z[:-1]
+        gentle = np.concatenate([[False], np.abs(coefficients[2]) < STEEP, [False]])
+        for first, last in np.flatnonzero(np.diff(gentle)).reshape(-1, 2):
+            piece = CubicSpline(self.y[first : last + 1], self.z[first : last + 1])
+            coefficients[:, first:last] = piece.c
+        return PPoly(coefficients, self.y)
 
     def height(self, y: ArrayLike) -> Array:
         """Return z [mm] at lateral positions [mm], positive downwards; NaN beyond the profile."""
@@ -131,22 +139,29 @@ def s1002() -> Profile:
     return Profile("S1002", y, s1002_height(y))
 
 
-def uic60() -> Profile:
-    """Return the rail profile UIC60, inclined 1:40, the points of the Manchester contact benchmark.
+def uic60(inclination: float = 1 / 40) -> Profile:
+    """Return the rail profile UIC60 by the points of the Manchester contact benchmark.
+
+    Parameters
+    ----------
+    inclination : float, 1
+        Slope by which the rail leans inwards, such as 1/20; 0 for an upright one.
 
     References
     ----------
     P. Shackleton, S. Iwnicki, Comparison of wheel-rail contact codes for railway vehicle simulation, Vehicle System
     Dynamics 46, 2008; points from the examples of the open-source program CONTACT (Apache-2.0).
     """
-    return _rail("UIC60", *_points("uic60.csv", (files("hbbogie.railway") / "uic60.csv").read_text("utf-8")), False)
+    y, z = _points("uic60.csv", (files("hbbogie.railway") / "uic60.csv").read_text("utf-8"))  # inclined 1:40
+    return _rail("UIC60", y, z, False, _leaning(inclination) - np.arctan(1 / 40))
 
 
 def read_wheel(path: str | Path) -> Profile:
     """Read a wheel profile from a text file of two columns, lateral position and height in millimetres.
 
     Columns are separated by blanks, tabs, commas or semicolons; decimal commas are understood where the columns are
-    not separated by commas. Lines of text may stand before and after the numbers. The rolling circle must be at
+    not separated by commas. Lines of text may stand before and after the numbers, and comments after #, ! or %. The
+    rolling circle must be at
     y = 0. Either axis may point either way: the profile is turned so that its flange points down and lies at y < 0.
     Points under an overhang are left out.
 
@@ -161,6 +176,11 @@ def read_wheel(path: str | Path) -> Profile:
     """
     name = Path(path).stem
     y, z = _points(str(path), _text(path))
+    if np.ptp(z) > np.ptp(y) > 0:
+        raise ModelError(
+            f"{name}: the wheel would be {np.ptp(y):.4g} mm wide and {np.ptp(z):.4g} mm high; give the lateral "
+            "position in the first column and the height in the second."
+        )
     if not y.min() < 0 < y.max():
         raise ModelError(
             f"{name}: y runs from {y.min():g} to {y.max():g} mm; shift it so that the rolling circle is at y = 0."
@@ -179,27 +199,40 @@ def read_wheel(path: str | Path) -> Profile:
     return Profile(name, y, z - profile.height(0.0))
 
 
-def read_rail(path: str | Path, mirrored: bool = False) -> Profile:
+def read_rail(path: str | Path, mirrored: bool = False, inclination: float = 0.0) -> Profile:
     """Read a rail profile from a text file of two columns; its format is that of `read_wheel`.
 
     The gauge face is the side with y < 0. The height may point up or down: the rail is turned so that its head is up.
-    The inclination of the rail must be in the points.
 
     Parameters
     ----------
     path : str or path
     mirrored : bool
         Whether the file has the gauge face at y > 0.
+    inclination : float, 1
+        Slope by which the rail is turned inwards, such as 1/20 for the drawing of an upright rail; 0 where the rail
+        has its inclination in the file, as measured ones have.
 
     Raises
     ------
     ModelError
         When the file cannot be read, or the numbers are no head of a rail.
     """
-    return _rail(Path(path).stem, *_points(str(path), _text(path)), mirrored)
+    turn = _leaning(inclination)
+    return _rail(Path(path).stem, *_points(str(path), _text(path)), mirrored, turn)
 
 
-def _rail(name: str, y: Array, z: Array, mirrored: bool) -> Profile:
+def _leaning(inclination: float) -> float:
+    """Return the angle of an inclination [rad]."""
+    if not abs(as_number(inclination)) <= LEANING:
+        raise ModelError(
+            f"rail inclination: got {told(inclination)}; give a slope of at most {LEANING:g}, such as 0.025 for 1:40."
+        )
+    return float(np.arctan(inclination))
+
+
+def _rail(name: str, y: Array, z: Array, mirrored: bool, turn: float) -> Profile:
+    """Return the head of a rail, turned inwards by an angle [rad]."""
     middle = z[np.argmin(np.abs(y - (y.min() + y.max()) / 2))]
     sides = z[np.argmin(y)], z[np.argmax(y)]
     z = z * np.sign(sum(sides) - 2 * middle)
@@ -208,12 +241,15 @@ def _rail(name: str, y: Array, z: Array, mirrored: bool) -> Profile:
             f"{name}: the sides of the head reach {z.max() - z.min():g} mm down; give a rail head with its sides, at "
             f"least {FLANGE:g} mm, in millimetres."
         )
-    return Profile(name, *_from_above(-y if mirrored else y, z, int(np.argmin(z))))
+    y = -y if mirrored else y
+    if turn:
+        y, z = y * np.cos(turn) + z * np.sin(turn), z * np.cos(turn) - y * np.sin(turn)
+    return Profile(name, *_from_above(y, z, int(np.argmin(z))))
 
 
 def _text(path: str | Path) -> str:
     try:
-        return Path(path).read_text("utf-8", errors="replace")
+        return Path(path).read_text("utf-8-sig", errors="replace")
     except OSError as error:
         raise ModelError(
             f"cannot read the profile {str(path)!r}: {error.strerror}; give the path of a text file."
@@ -248,10 +284,11 @@ def _points(where: str, text: str) -> tuple[Array, Array]:
 
 
 def _fields(line: str) -> list[float]:
-    """Return the numbers of a line; none for text, a comment or an empty line."""
-    parts = re.split(r"\s*;\s*|\s+", line.strip().rstrip(";,"))
+    """Return the numbers of a line, before a comment; none for text or an empty line."""
+    line = re.split(r"[#!%]|//", line)[0].strip().rstrip(";,")
+    parts = re.split(r"\s*;\s*|\s+", line)
     if len(parts) == 1 or any(part.endswith(",") for part in parts):
-        parts = re.split(r"\s*,\s*", line.strip().rstrip(";,"))
+        parts = re.split(r"\s*,\s*", line)
     try:
         return [float(part.replace(",", ".")) for part in parts]
     except ValueError:

@@ -50,6 +50,7 @@ def chart_of(
     parameter : str, optional
         The parameter whose critical values are followed.
     span : (float, float), optional, unit of that parameter
+        Where critical values are looked for; the problem's RANGE where nothing is said.
     method : str
         As of `chart`.
     harmonics : int, optional
@@ -57,9 +58,9 @@ def chart_of(
     secondary : bool
         Whether to look for folds also on branches from Hopf points of an unstable equilibrium.
     """
-    name, _ = default_interval(module, system, parameter)
-    options = {"span": span, "method": method, "harmonics": harmonics, "secondary": secondary, "progress": progress}
-    found = chart(system, name, over, interval, **options)  # type: ignore[arg-type]
+    name, own = default_interval(module, system, parameter)
+    options = {"span": span or own, "method": method, "harmonics": harmonics, "secondary": secondary}
+    found = chart(system, name, over, interval, progress=progress, **options)  # type: ignore[arg-type]
     heads = label(name, system.parameter(name).unit), label(over, system.parameter(over).unit)
     tables = [_curves(found, heads)] + ([_special(found, heads)] if found.special else [])
     data = {"without_fold": found.without_fold, "without_hopf": found.without_hopf}

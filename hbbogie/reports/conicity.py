@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from hbbogie.results.contact_geometry import ContactGeometry
 AMPLITUDES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)  # mm
 FINE = 0.1  # mm between the amplitudes of the curve
 COARSE = 0.03  # change of a conicity without every other point of a profile above which its points are too far apart
-SHIPPED_WHEELS, SHIPPED_RAILS = {"s1002": s1002}, {"uic60": uic60}
+WHEELS = {"s1002": s1002}
 
 
 def conicity_of(
@@ -37,6 +38,7 @@ def conicity_of(
     back_to_back: float = 1360.0,
     radius: float = 460.0,
     mirrored: bool = False,
+    inclination: float | None = None,
     left_wheel: str | None = None,
     left_rail: str | None = None,
     left_radius: float | None = None,
@@ -55,6 +57,8 @@ def conicity_of(
         As of `contact_geometry`.
     mirrored : bool
         Whether the files of the rails have their gauge faces at y > 0.
+    inclination : float, optional, 1
+        Of the rails, as of `uic60` and `read_rail`.
     left_wheel, left_rail : str, optional
         As wheel and rail, where the left side differs.
     left_radius : float, optional, mm
@@ -67,10 +71,11 @@ def conicity_of(
     positive("largest shift", largest, "mm")
     if positive("step", step, "mm") > largest:
         raise ModelError(f"step {step:g} mm is more than the largest shift, {largest:g} mm; give a smaller one.")
-    reading = partial(read_rail, mirrored=mirrored)
-    on_wheel, on_rail = _profile(wheel, SHIPPED_WHEELS, read_wheel), _profile(rail, SHIPPED_RAILS, reading)
-    other_wheel = _profile(left_wheel, SHIPPED_WHEELS, read_wheel) if left_wheel else None
-    other_rail = _profile(left_rail, SHIPPED_RAILS, reading) if left_rail else None
+    leaning: dict[str, Any] = {} if inclination is None else {"inclination": inclination}
+    rails, reading = {"uic60": partial(uic60, **leaning)}, partial(read_rail, mirrored=mirrored, **leaning)
+    on_wheel, on_rail = _profile(wheel, WHEELS, read_wheel), _profile(rail, rails, reading)
+    other_wheel = _profile(left_wheel, WHEELS, read_wheel) if left_wheel else None
+    other_rail = _profile(left_rail, rails, reading) if left_rail else None
     half = int(np.floor(largest / step + 1e-9))
     shift = step * np.arange(-half, half + 1)
     geometry = {
@@ -89,10 +94,11 @@ def conicity_of(
         "contact_angle": partial(draw, "contact", found, y="contact angle"),
         "contact_point": partial(draw, "contact", found, y="contact point"),
     }
+    lean = "" if inclination is None else f", rails inclined by {inclination:g}"
     other = f", the left one {left_radius:g} mm" if left_radius else ""
     notes = [
         f"Rigid contact at gauge {gauge:g} mm, flanges {back_to_back:g} mm back to back, wheels of radius {radius:g} "
-        f"mm{other}; shifts every {step:g} mm up to {largest:g} mm."
+        f"mm{other}{lean}; shifts every {step:g} mm up to {largest:g} mm."
     ]
     names = {"wheel": found.wheel, "rail": found.rail}
     notes += [_of_points(names[part], shown, change) for part, change in changes.items()]
@@ -144,7 +150,7 @@ def contact_table(found: ContactGeometry) -> Table:
     return Table("contact_geometry", title, tuple(columns), rows, (".4f",) * len(columns))
 
 
-def _profile(given: str, shipped: dict[str, Callable[[], Profile]], read: Callable[[str], Profile]) -> Profile:
+def _profile(given: str, shipped: Mapping[str, Callable[[], Profile]], read: Callable[[str], Profile]) -> Profile:
     """Return a profile by its name, or from a file."""
     if given.lower() in shipped:
         return shipped[given.lower()]()

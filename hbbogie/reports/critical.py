@@ -23,9 +23,10 @@ from hbbogie.reports.table import Table
 from hbbogie.results import Criticals
 from hbbogie.results.critical import Critical
 from hbbogie.stability.multipliers import floquet
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 SHOWN = 12  # bars of the tornado chart
+MANY = 4  # critical values of which all have bars
 LEAST = 1e-9  # elasticity that is shown
 ZERO = 1e-12  # share of the range below which a critical value is 0 but for round-off
 
@@ -54,22 +55,21 @@ def critical_of(
     """
     name, own = default_interval(module, system, parameter)
     span = interval or own
-    progress(f"critical values of {name}", None)
-    searched = critical_speeds(system, name, span, method=method)
+    searched = critical_speeds(system, name, span, method=method, progress=progress)
     rounded = (_rounded(c, ZERO * (span[1] - span[0])) for c in searched)
     found = Criticals(rounded, searched.evidence, searched.undecided, searched.branches)
     missing = [f"Not searched to its end: {sentence}." for sentence in searched.undecided]
     unit = system.parameter(name).unit
     if not found:
-        note = f"No Hopf point and no fold for {name} from {span[0]:g} to {span[1]:g} {unit}".rstrip() + "."
+        note = f"No Hopf point and no fold for {name} from {span[0]:g} to {span[1]:g}{behind(unit)}."
         return Report(system.name, notes=(note, *missing), data={"complete": searched.complete})
     first = found[0]
-    notes = [f"The smallest critical value is {first.value:.5g} {unit}".rstrip() + f", a {_kind(first)}.", *missing]
+    notes = [f"The smallest critical value is {first.value:.5g}{behind(unit)}, a {_kind(first)}.", *missing]
     if doubtful := [f"{c.value:.6g}" for c in found if not c.resolved]:
-        notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)} {unit}".rstrip() + ".")
+        notes.append(f"Not resolved, and perhaps not there: the fold(s) at {', '.join(doubtful)}{behind(unit)}.")
     notes += [*_linear_analysis(found, unit), *_attractors(found, unit)]
     if found[-1].extremum == "maximum":
-        notes.append(f"The cycles found exist up to {found[-1].value:.6g} {unit}".rstrip() + ", the largest fold.")
+        notes.append(f"The cycles found exist up to {found[-1].value:.6g}{behind(unit)}, the largest fold.")
     progress("where rest and cycles coexist", None)
     both = [] if time_is_over() else coexistence(system, found)
     notes += [*(_together(c, unit) for c in both), *_smallest(system, both, unit)]
@@ -88,9 +88,7 @@ def critical_of(
         tuple(notes),
         data,
         summary=(*notes, *influence_sentences(system, found)),
-        about=(
-            f"Critical values of {system.naming.plain(name)} from {span[0]:g} to {span[1]:g}{' ' * bool(unit)}{unit}.",
-        ),
+        about=(f"Critical values of {system.naming.plain(name)} from {span[0]:g} to {span[1]:g}{behind(unit)}.",),
     )
 
 
@@ -100,14 +98,14 @@ def _attractors(found: Criticals, unit: str) -> list[str]:
         return []
     each = ", ".join(f"{name} {c.value:.6g}" for name, c in found.lowest.items())
     evidence = (f"{sentence[0].upper()}{sentence[1:]}." for sentence in found.evidence)
-    notes = [f"Lowest fold of the cycles in which these groups move: {each} {unit}".rstrip() + ".", *evidence]
+    notes = [f"Lowest fold of the cycles in which these groups move: {each}{behind(unit)}.", *evidence]
     return [*notes, "So every branch that was met has been followed to its ends."] if found.complete else notes
 
 
 def _together(c: Coexistence, unit: str) -> str:
     """Return where rest and cycles coexist, a sentence."""
     cycles = f"cycles exist ({c.fold.moves})" if c.fold.moves else "cycles exist"
-    said = f"Between {c.interval[0]:.5g} and {c.interval[1]:.5g} {unit}".rstrip()
+    said = f"Between {c.interval[0]:.5g} and {c.interval[1]:.5g}{behind(unit)}"
     return f"{said} the equilibrium is stable and {cycles}: a disturbance larger than the unstable cycle starts them."
 
 
@@ -122,8 +120,8 @@ def _smallest(system: System, both: list[Coexistence], unit: str) -> list[str]:
     who, shown = moving_groups(system, least), system.nonlinear_coordinates or system.coordinate_names
     most = max(shown, key=least.amplitude)
     return [
-        f"At {middle:.5g} {unit}".rstrip() + f" the smallest of these unstable cycles is one of {who}, with "
-        f"{least.amplitude(most):.3g} {system.coordinates[system.index(most)].unit} of {most}."
+        f"At {middle:.5g}{behind(unit)} the smallest of these unstable cycles is one of {who}, with "
+        f"{least.amplitude(most):.3g}{behind(system.coordinates[system.index(most)].unit)} of {most}."
     ]
 
 
@@ -133,7 +131,7 @@ def _linear_analysis(found: list[Critical], unit: str) -> list[str]:
     if hopf is None or not 0 < lowest < hopf:
         return []
     return [
-        f"Linear analysis sees the Hopf point at {hopf:.5g} {unit}".rstrip()
+        f"Linear analysis sees the Hopf point at {hopf:.5g}{behind(unit)}"
         + f" only, which is {100 * (hopf / lowest - 1):.3g} % too high for a critical value."
     ]
 
@@ -276,14 +274,22 @@ def _gradients(system: System, found: list[Critical], unit: str) -> Table:
     return Table("gradients", "Gradients and elasticities", tuple(columns), tuple(rows), formats, tuple(notes))
 
 
-def _bars(found: list[Critical], system: System) -> Figures:
-    """Return the figure of the elasticities of the most influential parameters; none where all are zero."""
-    found = [c for c in found if c.gradient and c.value]
+def _bars(searched: Criticals, system: System) -> Figures:
+    """Return the figure of the elasticities of the most influential parameters; none where all are zero.
+
+    Of many critical values it shows the lowest fold of each set of groups that move, and the first Hopf point.
+    """
+    first_hopf = next((c for c in searched if c.kind == "hopf"), None)
+    kept = [*searched.lowest.values(), *([first_hopf] if first_hopf else [])] if len(searched) > MANY else searched
+    found = [c for c in kept if c.gradient and c.value]
     names = [n for n in _ranked(found)[:SHOWN] if any(abs(c.elasticities[n]) > LEAST for c in found)]
     if not names:
         return {}
     parameter, plain = found[0].parameter, [system.naming.plain(n) for n in names]
     bars = {
-        f"{_kind(c)} at {system.naming.value(parameter, c.value, 5)}": [c.elasticities[n] for n in names] for c in found
+        f"{_kind(c)} at {system.naming.value(parameter, c.value, 5)}{f' ({c.moves})' if c.moves else ''}": [
+            c.elasticities[n] for n in names
+        ]
+        for c in found
     }
     return {"tornado": partial(draw, "tornado", plain, bars, parameter=parameter, title=system.name)}

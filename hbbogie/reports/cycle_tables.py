@@ -18,7 +18,7 @@ from hbbogie.units import label
 def cycles_table(
     orbits: Sequence[Orbit], title: str = "Cycles", name: str = "cycles", moves: Sequence[str] = ()
 ) -> Table:
-    """Return the table of cycles: frequency, period, peak and first harmonic of every coordinate, stability.
+    """Return the table of cycles: stability, frequency, period, peak and first harmonic of every coordinate.
 
     Parameters
     ----------
@@ -31,26 +31,34 @@ def cycles_table(
     if not orbits:
         raise ModelError("no cycles: a table of cycles needs at least one orbit.")
     named = list(zip(orbits[0].coordinates, orbits[0].units, strict=True))
-    columns = ["cycle", "omega [rad/s]", "frequency [Hz]", "period [s]"]
-    columns += [f"peak {label(c, u)}" for c, u in named] + [f"first harmonic {label(c, u)}" for c, u in named]
+    before = ["stability", "largest multiplier [1]", "omega [rad/s]", "frequency [Hz]", "period [s]"]
+    sizes = [f"peak {label(c, u)}" for c, u in named] + [f"first harmonic {label(c, u)}" for c, u in named]
+    shown = ["moves"] * any(moves)
     rows = []
     for i, o in enumerate(orbits):
-        sizes = [*(o.amplitude(c) for c, _ in named), *(o.first_harmonic(c) for c, _ in named)]
+        amplitudes = [*(o.amplitude(c) for c, _ in named), *(o.first_harmonic(c) for c, _ in named)]
         verdict = o.stability.verdict if o.stability else None
         error = o.errors["waveform"] if o.errors else None
-        rows.append((i + 1, o.omega, o.frequency, o.period, *sizes, verdict, o.largest_multiplier, o.kept, error))
-    if any(moves):
-        columns.insert(1, "moves")
-        rows = [(i, what, *rest) for (i, *rest), what in zip(rows, moves, strict=True)]
+        judged = (*([moves[i]] if shown else []), verdict, o.largest_multiplier)
+        rows.append((i + 1, *judged, o.omega, o.frequency, o.period, *amplitudes, o.kept, error))
     reasons = [
         f"Cycle {i + 1}: {o.stability.reason}"
         for i, o in enumerate(orbits)
         if o.stability and o.stability.verdict == "unknown"
     ]
-    shown = [""] * any(moves)
-    formats = ("d", *shown, *[".7g"] * (len(columns) - 1 - len(shown)), "", ".6g", "d", ".1e")
-    columns += ["stability", "largest multiplier [1]", "highest harmonic", "waveform error [1]"]
-    return Table(name, title, tuple(columns), tuple(rows), formats, tuple(reasons))
+    columns = ("cycle", *shown, *before, *sizes, "highest harmonic", "waveform error [1]")
+    formats = ("d", *[""] * len(shown), "", ".6g", *[".7g"] * (3 + len(sizes)), "d", ".1e")
+    first = [_stable_ones(orbits, moves)] if len(orbits) > 1 and any(o.stability for o in orbits) else []
+    return Table(name, title, columns, tuple(rows), formats, (*first, *reasons))
+
+
+def _stable_ones(orbits: Sequence[Orbit], moves: Sequence[str]) -> str:
+    """Return which of several cycles are stable, and what moves in them."""
+    stable = [i for i, o in enumerate(orbits) if o.verdict == "stable"]
+    if not stable:
+        return f"Of the {len(orbits)} cycles none is known to be stable."
+    named = ", ".join(f"{i + 1} ({moves[i]})" if any(moves) else f"{i + 1}" for i in stable)
+    return f"Of the {len(orbits)} cycles {len(stable)} {'is' if len(stable) == 1 else 'are'} stable: {named}."
 
 
 def outputs_table(orbits: Sequence[Orbit], title: str = "Outputs", name: str = "outputs") -> Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.branches.continuation import trace
-from hbbogie.design.criteria import CriticalValue
+from hbbogie.design.criteria import CriticalValue, Quantity
 from hbbogie.design.optimisation import Design, optimise
 from hbbogie.design.point import DesignPoint
-from hbbogie.design.robust import RobustValue, Uncertainty, predicted, predicted_below, spreads
-from hbbogie.design.samples import MonteCarlo, monte_carlo
+from hbbogie.design.robust import Uncertainty
+from hbbogie.design.samples import monte_carlo
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError
 from hbbogie.model.problem import default_interval
@@ -24,15 +24,17 @@ from hbbogie.motion.energy import moving_groups
 from hbbogie.progress import Progress, silent
 from hbbogie.reports.design_checks import check_table
 from hbbogie.reports.report import Report
+from hbbogie.reports.robust_design import robust_quantity, robust_table, shares_of
 from hbbogie.reports.table import Table
 from hbbogie.results import Branch
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+VALUES = "optimum.toml"  # as --values takes them
 CAPTION = "Cycles before and after the change of the design, over the whole range and about the critical values."
 
 
@@ -45,6 +47,9 @@ def design_of(
     seed: int = 0,
     samples: int = 40,
     robust: float | None = None,
+    quantile: float | None = None,
+    designs: int | None = None,
+    start: Mapping[str, float] | None = None,
 ) -> Report:
     """Optimise the design of a problem and check it.
 
@@ -62,11 +67,18 @@ def design_of(
         Random designs before and after, for the check of the moments; none where 0.
     robust : float, optional
         Raise the mean minus so many standard deviations instead of the value of the design itself.
+    quantile : float, optional
+        Raise this quantile over random designs, such as 0.05, instead.
+    designs : int, optional
+        Their number, as of `SampledQuantile`.
+    start : mapping from name to float, optional
+        Where the first search begins, as of `optimise`. By default that for a robust design begins at the optimum
+        without scatter.
 
     Raises
     ------
     ModelError
-        When the module has no function ``design``, or is to be robust without UNCERTAIN.
+        When the module has no function ``design``, is to be robust without UNCERTAIN, or in both ways.
     """
     where = f"problem {getattr(module, '__file__', None) or module.__name__!r}"
     if not callable(getattr(module, "design", None)):
@@ -81,30 +93,29 @@ def design_of(
     }
     uncertain: Uncertainty | None = getattr(module, "UNCERTAIN", None)
     unit = system.parameter(task["raise_"]).unit
-    if robust is not None:
-        if uncertain is None:
-            raise ModelError(
-                f"{where} has no UNCERTAIN, an Uncertainty of its parameters, which a robust design needs."
-            )
-        task["maximise"] = RobustValue(uncertain, robust, unit)
-    design = optimise(system, progress=progress, **task)
+    asked = robust_quantity(where, uncertain, robust, quantile, designs, seed, unit)
+    design, nominal = _searched(system, task, asked, start, progress)
     tables = [parameter_table(design), critical_table(design), limit_table(design), active_table(design)]
-    branches = {k: _branch(p, progress, k) for k, p in (("before", design.before), ("after", design.after))}
-    tables.append(check_table(design, task, progress))
+    branches: dict[str, Branch | None] = {}
+    if not design.interrupted:
+        branches = {k: _branch(p, progress, k) for k, p in _both(design)}
+        tables.append(check_table(design, task, progress))
     notes = _sentences(design, unit)
-    figures: dict[str, Callable[[], Figure]] = {"bifurcation": partial(_bifurcation, branches, design)}
+    figures: dict[str, Callable[[], Figure]] = {}
+    if branches:
+        figures["bifurcation"] = partial(_bifurcation, branches, design)
     if design.active:
         figures["gains"] = partial(_gains, design)
     data = {"value_before": design.value_before, "value": design.value, "parameters": design.parameters}
     data |= {"residual": design.residual, "converged": design.converged, "weights": design.weights}
     if len(design.starts) > 1:
         tables.append(start_table(design))
-    if uncertain is not None and samples:
-        service = getattr(module, "SERVICE", None)
-        drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in _both(design)}
-        tables.append(robust_table(design, uncertain, drawn, service))
-        smooth = {k: predicted(spreads(p, uncertain)) for k, p in _both(design)}
-        figures["distribution"] = partial(_shares, drawn, smooth, service, label(f"critical {name}", unit))
+    if uncertain is not None and samples and not design.interrupted:
+        points = {"before": design.before, **({"nominal": nominal.after} if nominal else {}), "after": design.after}
+        drawn = {k: monte_carlo(p, uncertain, samples, seed, progress) for k, p in points.items()}
+        judged = points, uncertain, drawn, getattr(module, "SERVICE", None)
+        tables.append(robust_table(*judged))
+        figures["distribution"] = partial(shares_of, *judged, label(f"critical {name}", unit))
     saved = {k: b for k, b in branches.items() if b is not None}
     over = [(n, system.parameter(n).description, *ends, system.parameter(n).unit) for n, ends in design.over.items()]
     columns = ("parameter", "what it is", "at least", "at most", "unit")
@@ -118,8 +129,25 @@ def design_of(
         summary=(notes[0], *_moved(design)),
         about=(f"The design with the highest critical {name} under the limits of the problem.",),
         captions={"bifurcation": CAPTION},
+        texts={VALUES: "".join(f"{n} = {v!r}\n" for n, v in design.parameters.items())},
         inputs=(Table("over", "Parameters that may change", columns, tuple(over), ("", "", ".5g", ".5g", "")),),
     )
+
+
+def _searched(
+    system: System, task: dict[str, Any], asked: Quantity | None, start: Mapping[str, float] | None, progress: Progress
+) -> tuple[Design, Design | None]:
+    """Return the design, and that of the system without scatter, at which the search for a robust one began."""
+    if asked is None:
+        return optimise(system, progress=progress, start=start, **task), None
+    nominal = None
+    if start is None:  # from there a search with random designs needs few steps
+        nominal = optimise(system, progress=progress, **task)
+        if nominal.interrupted:
+            return nominal, None
+        start = nominal.parameters
+    task["maximise"] = asked
+    return optimise(system, progress=progress, start=start, **task), nominal
 
 
 def _moved(design: Design) -> tuple[str, ...]:
@@ -140,12 +168,12 @@ def _both(design: Design) -> tuple[tuple[str, DesignPoint], ...]:
 
 def _sentences(design: Design, unit: str) -> tuple[str, ...]:
     before, after = design.before.value, design.after.value
-    gain = f"The critical value of {design.before.parameter} goes from {before:.6g} to {after:.6g} {unit}".rstrip()
-    more = f"{100 * (after / before - 1):.3g} %" if min(before, after) > 0 else f"{after - before:.4g} {unit}".rstrip()
+    gain = f"The critical value of {design.before.parameter} goes from {before:.6g} to {after:.6g}{behind(unit)}"
+    more = f"{100 * (after / before - 1):.3g} %" if min(before, after) > 0 else f"{after - before:.4g}{behind(unit)}"
     first = f"{gain}, by {more}."
     low = [f"{n} ({w:.3g})" for n, w in design.weights.items()]
     other = design.objective.name, design.objective.unit
-    ends = f"{design.value_before:.6g} to {design.value:.6g} {other[1]}".rstrip()
+    ends = f"{design.value_before:.6g} to {design.value:.6g}{behind(other[1])}"
     return (
         first,
         *([f"What was asked for, {other[0]}, goes from {ends}."] if other[0] != CriticalValue.name else []),
@@ -222,38 +250,6 @@ def start_table(design: Design) -> Table:
     return Table("starts", "Starts", columns, tuple(rows), formats)
 
 
-def robust_table(design: Design, uncertain: Uncertainty, drawn: dict[str, MonteCarlo], service: float | None) -> Table:
-    """Return moments of the critical values before and after, predicted and by Monte Carlo."""
-    unit = design.before.system.parameter(design.before.parameter).unit
-    rows: list[tuple[Any, ...]] = []
-    for when, point in _both(design):
-        found = spreads(point, uncertain)
-        low = min(found, key=lambda s: s.first_order[0])
-        below = predicted_below(found, service) if service is not None else (None, None)
-        rows.append((when, f"first order, {low.name}", *low.first_order, below[0], None, None))
-        rows.append((when, f"second order, {low.name}", *low.second_order, below[1], None, None))
-        known = drawn[when].known
-        if len(known) > 1:
-            same = np.min([s.predict(drawn[when].factors[~np.isnan(drawn[when].values)]) for s in found], axis=0)
-            under = float((same < service).mean()) if service is not None else None
-            rows.append(
-                (when, "second order, random designs", float(same.mean()), float(same.std(ddof=1)), under, None, None)
-            )
-            share = drawn[when].probability_below(service) if service is not None else (None,) * 3
-            text = f"Monte Carlo, {len(known)} designs"
-            rows.append((when, text, float(known.mean()), float(known.std(ddof=1)), *share))
-    at = f"probability below {service:g} {unit}".rstrip() if service is not None else "probability"
-    columns = ("design", "method", label("mean", unit), label("deviation", unit), at)
-    failed = sum(m.failed for m in drawn.values())
-    notes = (
-        "The probability of the second order is that of the smallest of all quadratic approximations. From, to: the "
-        "95 % interval of Clopper and Pearson.",
-        *([f"{failed} of the random designs have no value, and are left out."] if failed else []),
-    )
-    formats = ("", "", ".5g", ".4g", ".4f", ".4f", ".4f")
-    return Table("robust", "Under uncertainty", (*columns, "from", "to"), tuple(rows), formats, notes)
-
-
 def _branch(point: DesignPoint, progress: Progress, when: str) -> Branch | None:
     """Return the branch of the smallest fold, or else from the first Hopf point that leads to one; None without any."""
     progress(f"branch {when}", None)
@@ -299,10 +295,3 @@ def _gains(design: Design) -> Figure:
     names = [f"{a.name}, {a.side} {a.kind}" for a in design.active]
     values = [a.per_percent for a in design.active]
     return plot.figure_of(plot.gains(names, values, unit=design.objective.unit))
-
-
-def _shares(drawn: dict[str, MonteCarlo], smooth: dict[str, Array], service: float | None, across: str) -> Figure:
-    from hbbogie import plot
-
-    samples = {k: m.values for k, m in drawn.items()}
-    return plot.figure_of(plot.shares(samples, predictions=smooth, service=service, parameter_label=across))

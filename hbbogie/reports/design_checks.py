@@ -13,7 +13,7 @@ from hbbogie.motion.settling import settle
 from hbbogie.progress import Progress
 from hbbogie.reports.table import Table
 from hbbogie.results.failure import ConvergenceError
-from hbbogie.units import label
+from hbbogie.units import behind, label
 
 OFF = 0.01  # share below and above the critical value at which motions are integrated
 FASTER = 0.1  # share above it where the cycle lives from which these motions start
@@ -38,12 +38,12 @@ def check_table(design: Design, task: dict[str, Any], progress: Progress) -> Tab
     for share in (-OFF, OFF):
         value = _aside(point, share)
         progress(f"integrating at {point.parameter} = {value:.5g}", None)
-        text = f"motion {abs(value - point.value):.3g} {unit}".rstrip() + (" above" if share > 0 else " below")
+        text = f"motion {abs(value - point.value):.3g}{behind(unit)}" + (" above" if share > 0 else " below")
         rows.append((text, _settled(point, value), value))
     columns = ("check", "result", label(point.parameter, unit))
-    title = f"Checks of the optimum, {point.parameter} = {point.value:.8g} {unit}".rstrip()
+    title = f"Checks of the optimum, {point.parameter} = {point.value:.8g}{behind(unit)}"
     notes = (
-        f"The motions start on the cycle at {_aside(point, FASTER):.5g} {unit}".rstrip()
+        f"The motions start on the cycle at {_aside(point, FASTER):.5g}{behind(unit)}"
         + ". The nonlinear program knows the limits on "
         "parameters and the critical values of the first design only, and is left out where others hold the optimum.",
     )

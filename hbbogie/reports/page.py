@@ -20,7 +20,7 @@ from hbbogie.reports.captions import caption_of
 from hbbogie.reports.report import Report, check_directory
 from hbbogie.reports.table import Table
 from hbbogie.studies.dataset import replacing
-from hbbogie.units import readable
+from hbbogie.units import behind, readable
 
 ENOUGH = 5  # significant digits that a page shows
 SIZES = {  # heads of columns in the unit that a column of that name gives
@@ -140,7 +140,7 @@ def _inputs(report: Report, origin: Origin) -> tuple[list[str], list[dict[str, A
 
 def _value(system: System, name: str, value: float) -> str:
     factor, unit = readable(system.parameter(name).unit, abs(value))
-    return f"{name} = {factor * value:.{ENOUGH}g} {unit}".removesuffix(" 1").rstrip()
+    return f"{name} = {factor * value:.{ENOUGH}g}{behind(unit)}"
 
 
 def _count(number: int, what: str) -> str:

@@ -160,7 +160,7 @@ def ramp_table(runs: Hysteresis) -> Table:
         )
         rows.append((float(rate), *(float(x) if np.isfinite(x) else None for x in numbers)))
     critical = [
-        f"{name} {value:.6g} {unit}".strip()
+        f"{name} {value:.6g}{behind(unit)}"
         for name, value in (("fold", runs.fold), ("Hopf point", runs.hopf))
         if np.isfinite(value)
     ]

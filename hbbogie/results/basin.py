@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hbbogie.brief import lines
 from hbbogie.results.netcdf import read, write
 from hbbogie.results.pictures import draw, page
-from hbbogie.units import readable
+from hbbogie.units import behind, readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -99,11 +99,13 @@ class Basin:
         counts = ", ".join(f"{int((ends == k).sum())} {k}" for k in shown)
         low, high = float(self.amplitudes.min()), float(self.amplitudes.max())
         factor, unit = readable(self.unit, max(abs(low), abs(high)))
-        values = f"{self.parameter} from {self.values.min():.6g} to {self.values.max():.6g} {self.parameter_unit}"
+        values = (
+            f"{self.parameter} from {self.values.min():.6g} to {self.values.max():.6g}{behind(self.parameter_unit)}"
+        )
         return lines(
-            f"Basin of {self.system}: {self.outcome.size} motions, {values}".rstrip(),
+            f"Basin of {self.system}: {self.outcome.size} motions, {values}",
             counts,
-            f"initial amplitude of {self.coordinate} {factor * low:.4g} to {factor * high:.4g} {unit}".rstrip(),
+            f"initial amplitude of {self.coordinate} {factor * low:.4g} to {factor * high:.4g}{behind(unit)}",
             f"factors multiply {self.direction}",
             *self.notes[:2],
         )

@@ -19,7 +19,7 @@ from hbbogie.results.netcdf import read, write
 from hbbogie.results.orbit import NOT_RESOLVED, Orbit, unpack
 from hbbogie.results.pictures import draw, page
 from hbbogie.results.stored import labels_of, pack
-from hbbogie.units import readable
+from hbbogie.units import behind, readable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -289,7 +289,7 @@ class Branch:
         marks = "; ".join(s.headline for s in self.special[:MARKS])
         c, peaks = first.coordinates[0], self.amplitude(first.coordinates[0])
         factor, unit = readable(first.units[0], float(peaks.max()))
-        peak = f"peak {c} {factor * peaks.min():.4g} to {factor * peaks.max():.4g} {unit}".strip()
+        peak = f"peak {c} {factor * peaks.min():.4g} to {factor * peaks.max():.4g}{behind(unit)}"
         return lines(
             f"Branch of {first.system}: {len(self)} {what}, {first.naming.value(self.parameter, low)} to {high:.6g}",
             counts,

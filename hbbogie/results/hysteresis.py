@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hbbogie.brief import lines
 from hbbogie.results.pictures import draw, page
+from hbbogie.units import behind
 
 Array = NDArray[np.float64]
 
@@ -86,12 +87,11 @@ class Hysteresis:
     parameters: dict[str, float]
 
     def __repr__(self) -> str:
-        rates, unit = ", ".join(f"{r:g}" for r in self.rates), self.parameter_unit
+        rates, unit = ", ".join(f"{r:g}" for r in self.rates), behind(self.parameter_unit)
         return lines(
-            f"Hysteresis of {self.system}: {self.parameter} from {self.interval[0]:g} to {self.interval[1]:g} "
-            f"{unit}".rstrip(),
-            f"fold at {self.fold:.6g}, Hopf point at {self.hopf:.6g} {unit}".rstrip(),
-            f"rates {rates}; level of {self.coordinate} {self.level:.4g} {self.unit}: {self.meaning}",
+            f"Hysteresis of {self.system}: {self.parameter} from {self.interval[0]:g} to {self.interval[1]:g}{unit}",
+            f"fold at {self.fold:.6g}, Hopf point at {self.hopf:.6g}{unit}",
+            f"rates {rates}; level of {self.coordinate} {self.level:.4g}{behind(self.unit)}: {self.meaning}",
             "dies out at " + ", ".join(f"{p.event:.6g}" for p in self.falling),
             "starts at " + ", ".join(f"{p.event:.6g}" for p in self.rising),
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,9 +47,9 @@ class Factors:
         except RuntimeError as error:
             raise np.linalg.LinAlgError(str(error)) from None
 
-    def solve(self, right: Array) -> Array:
-        """Return the solution for a right-hand side."""
-        return np.asarray(self.lu.solve(right))
+    def solve(self, right: Array, trans: Literal["N", "T"] = "N") -> Array:
+        """Return the solution for a right-hand side, with "T" of the transposed matrix."""
+        return np.asarray(self.lu.solve(right, trans=trans))
 
     @property
     def sign(self) -> float:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from hbbogie import fourier
 from hbbogie.results import Orbit
-from hbbogie.stability.shooting import NewtonStep, Path, Shooting, states_at
+from hbbogie.stability.paths import NewtonStep, Path, states_at
+from hbbogie.stability.shooting import Shooting
 
 Array = NDArray[np.float64]
 

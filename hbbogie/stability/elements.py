@@ -57,10 +57,38 @@ def responses(h: Array, integrate: Array, J: Array, right: Array, sparse: bool) 
     if sparse:
         return _sparse(h, integrate, J, right)
     N, stages, n, columns = right.shape
-    M = -(h[:, None, None, None, None] * integrate[:, None, :, None]) * J.transpose(0, 2, 1, 3)[:, None]
-    M = M.reshape(N, stages * n, stages * n)
-    M[:, np.arange(stages * n), np.arange(stages * n)] += 1
-    return np.asarray(np.linalg.solve(M, right.reshape(N, stages * n, -1)).reshape(N, stages, n, columns))
+    simple, of, factor = _integrals_of_others(J)
+    rest = np.setdiff1d(np.arange(n), simple)
+    m, sums = len(rest), h[:, None, None] * integrate
+    by_rest, by_simple = (J[:, :, rest[:, None], states] for states in (rest, simple))
+    blocks = np.empty((N, stages, m, stages, m))
+    np.multiply(-sums[:, :, None, :, None], by_rest.transpose(0, 2, 1, 3)[:, None], out=blocks)
+    twice = (integrate[:, None] * integrate.T).reshape(-1, stages) @ (by_simple * factor).reshape(N, stages, -1)
+    twice = twice.reshape(N, stages, stages, m, -1).transpose(0, 1, 3, 2, 4)
+    blocks[..., np.searchsorted(rest, of)] -= (h**2)[:, None, None, None, None] * twice
+    M = blocks.reshape(N, stages * m, stages * m)
+    M[:, np.arange(stages * m), np.arange(stages * m)] += 1
+    known = sums @ (by_simple @ right[:, :, simple]).reshape(N, stages, -1)
+    known = right[:, :, rest] + known.reshape(N, stages, m, columns)
+    found = np.empty(right.shape)
+    found[:, :, rest] = np.linalg.solve(M, known.reshape(N, stages * m, -1)).reshape(known.shape)
+    integrals = (sums @ found[:, :, of].reshape(N, stages, -1)).reshape(N, stages, len(of), columns)
+    found[:, :, simple] = right[:, :, simple] + factor[:, None] * integrals
+    return found
+
+
+def _integrals_of_others(J: Array) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
+    """Return states whose rates are another state times a constant, as positions are, the others, and the constants.
+
+    None of the others is among them, and none is there twice.
+    """
+    entries = (J != 0).any(axis=(0, 1))
+    of, state = entries.argmax(axis=1), np.arange(len(entries))
+    rates = J[:, :, state, of]
+    alone = (entries.sum(axis=1) == 1) & (of != state) & (rates == rates[0, 0]).all(axis=(0, 1))
+    simple = np.flatnonzero(alone & ~alone[of])
+    simple = simple[np.unique(of[simple], return_index=True)[1]]
+    return simple, of[simple], rates[0, 0, simple]
 
 
 def _sparse(h: Array, integrate: Array, J: Array, right: Array) -> Array:

@@ -15,12 +15,12 @@ from hbbogie.model.dynamics import state_of
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.stability.multipliers import is_halved
-from hbbogie.stability.transitions import Transitions, product, transitions_along
+from hbbogie.stability.transitions import FIRST, Transitions, product, transitions_along
 from hbbogie.stability.variation import Waveforms, on_lines
 
 Array = NDArray[np.float64]
 STEPS = 1024  # per period, where exponentials would serve for the transitions, but not for the integrals
-PIECES = 32  # of each element, likewise
+PER_WAVE = 12  # intervals for each wave of the highest harmonic
 SIMPSON = np.array([1.0, 4.0, 1.0]) / 6
 
 
@@ -34,10 +34,14 @@ class FoldShift:
         What is to be added to the value of the fold.
     apart : float
         Distance from 1 of the multiplier that meets the trivial one at a fold.
+    unstable : int
+        Number of other multipliers outside the unit circle, beyond that distance. With any, the cycles on both sides
+        of the fold are unstable near it.
     """
 
     value: float
     apart: float
+    unstable: int
 
 
 @door(system=System, orbit=Orbit, parameter=str)
@@ -74,7 +78,8 @@ def fold_shift(system: System, orbit: Orbit, parameter: str) -> FoldShift | None
     if len(conserved_quantities(system, p, size)):
         return None
     half = is_halved(system, orbit)
-    (along,) = transitions_along(waveforms, STEPS if waveforms.straight else None, half=half, pieces=PIECES)
+    pieces = -(-PER_WAVE * waveforms.H // FIRST)
+    (along,) = transitions_along(waveforms, STEPS if waveforms.straight else None, half=half, pieces=pieces)
     monodromy = (-1.0 if half else 1.0) * product(along.matrices)
     if not np.isfinite(monodromy).all():
         return None
@@ -89,8 +94,11 @@ def fold_shift(system: System, orbit: Orbit, parameter: str) -> FoldShift | None
     for k in range(len(along.matrices) - 1, -1, -1):
         psi[k] = psi[k + 1] @ along.matrices[k]
     defect, slope = _integrals(waveforms, along, psi, place)
-    apart = np.sort(np.abs(np.linalg.eigvals(monodromy) - 1))[1]
-    return FoldShift(float(-defect / slope), float(apart)) if slope and np.isfinite(apart) else None
+    multipliers = np.linalg.eigvals(monodromy)
+    multipliers = multipliers[np.argsort(np.abs(multipliers - 1))]
+    apart = np.abs(multipliers[1] - 1)
+    unstable = (np.abs(multipliers[2:]) > 1 + apart).sum()
+    return FoldShift(float(-defect / slope), float(apart), int(unstable)) if slope and np.isfinite(apart) else None
 
 
 def _integrals(waveforms: Waveforms, along: Transitions, psi: Array, place: int) -> tuple[float, float]:

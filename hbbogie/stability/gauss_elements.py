@@ -1,7 +1,8 @@
 """Transition matrices of smooth variational equations: Gauss collocation on elements, those of all orbits at once.
 
 The elements do not depend on each other, since each begins with the identity matrix. What is left of the equations at
-both ends of an element tells its error. Elements with too large an error are divided, and the others are kept.
+both ends of an element tells its error. Elements with too large an error are divided, and the others are kept. Most of
+those that are divided are recognised by their state matrix, before anything is solved for.
 
 The unknowns at the Gauss points are the rates of the coordinates of first order and the accelerations of the others,
 whose velocities and positions are integrals. The time is the phase, and every state is taken in units of its size.
@@ -10,12 +11,14 @@ whose velocities and positions are integrals. The time is the phase, and every s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 
 import casadi as ca
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from hbbogie.model.stacked import at_each
 from hbbogie.model.system import System
 from hbbogie.stability.variation import Model, Waveforms
 
@@ -27,8 +30,8 @@ TOLERANCE = 1e-9  # largest error of an element's transition matrix, in states o
 PIECES, ROUNDS = 4, 12  # most pieces of an element that is divided, and how often that is done
 MOST = 2**14  # elements of an orbit beyond which none is divided
 AT_REST = 1e-6  # smallest size of a coordinate that counts, relative to the largest
-CHUNK = 64  # phases of one call
-LARGEST = 2**18  # numbers of the matrices that are factorised together
+FEW, BLOCK = 2**16, 4  # numbers of the matrices that are factorised together, and blocks evaluated together
+HOPELESS = 4.0  # errors of which the state matrix alone tells, in tolerances, from which nothing is solved for
 
 
 def _weights() -> tuple[Array, Array, Array, Array, Array]:
@@ -52,6 +55,8 @@ def _weights() -> tuple[Array, Array, Array, Array, Array]:
 NODES, BESIDE, INSIDE, AROUND, WEIGHTS = _weights()
 SAMPLES = np.r_[NODES, BESIDE]  # where the state matrix is needed
 MEAN = legendre.leggauss(STAGES)[1] / 2
+BETWEEN = AROUND[0]  # from values at the Gauss points to those beside
+PADE = factorial(STAGES) ** 2 / (factorial(2 * STAGES) * factorial(2 * STAGES + 1))  # error of an exponential
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +108,15 @@ def over_elements(
     """
     done: list[tuple[Elements, Array, Array]] = []
     for left in reversed(range(ROUNDS if divide else 1)):
-        matrices, traces, error = _solved(waveforms, elements)
+        matrices, traces, error, solved = _solved(waveforms, elements, every=left == 0)
         with np.errstate(invalid="ignore"):
             parts = np.ceil((error / TOLERANCE) ** (0.5 / STAGES))
         # what overflows is not finite in pieces either
         parts = np.clip(np.nan_to_num(parts, nan=1.0, posinf=1.0), 1, PIECES).astype(int)
         parts[(np.bincount(elements.of, parts) > MOST)[elements.of]] = 1
         kept = parts == 1 if left else np.ones(len(parts), dtype=bool)
+        if (lost := kept & ~solved).any():
+            matrices[lost], traces[lost], *_ = _solved(waveforms, elements[lost])
         done.append((elements[kept], matrices[kept], traces[kept]))
         if kept.all():
             break
@@ -121,26 +128,60 @@ def over_elements(
         matrices, traces = (np.concatenate(parts)[order] for parts in list(zip(*done, strict=True))[1:])
         return elements, matrices, traces
     elements = elements.divided(np.full(len(order), pieces))
-    matrices, traces, _ = _solved(waveforms, elements)
+    matrices, traces, *_ = _solved(waveforms, elements)
     return elements, matrices, traces
 
 
-def _solved(waveforms: Waveforms, elements: Elements) -> tuple[Array, Array, Array]:
-    """Return transition matrices, integrals of the trace, and errors of the matrices in states of size 1."""
-    most = max(1, LARGEST // (STAGES * waveforms.system.n) ** 2)
-    some = [_some_solved(waveforms, elements[k : k + most]) for k in range(0, len(elements.of), most)]
-    matrices, traces, errors = (np.concatenate(parts) for parts in zip(*some, strict=True))
-    return matrices, traces, errors
+def _solved(
+    waveforms: Waveforms, elements: Elements, every: bool = True
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Return transition matrices, integrals of the trace, errors of the matrices in states of size 1, and which.
+
+    Unless every element is asked for, those of which the state matrix alone tells that they will be divided are not
+    solved for; their errors are what it tells.
+    """
+    system, n, E = waveforms.system, waveforms.system.n_states, len(elements.of)
+    matrices, traces, errors, solved = np.empty((E, n, n)), np.empty(E), np.empty(E), np.ones(E, dtype=bool)
+    sizes, few = _sizes(waveforms), max(1, FEW // (STAGES * system.n) ** 2)
+    units = np.where(system.second_order, waveforms.omega[:, None] * sizes, sizes)  # of rates' integrals
+    units = np.hstack([units, sizes[:, list(system.second_order)]])
+    for k in range(0, E, BLOCK * few):
+        block = elements[k : k + BLOCK * few]
+        columns = units[block.of]
+        rows = _rows(waveforms, block)
+        rows *= (columns[:, None] / (waveforms.omega[block.of, None] * columns[:, : system.n])[:, :, None])[:, None]
+        place = np.arange(k, k + len(block.of))
+        if not every:
+            with np.errstate(over="ignore", invalid="ignore"):
+                errors[place] = told = _told(system, block.length, rows)
+            solved[place] = ~(np.isfinite(told) & (told > HOPELESS * TOLERANCE))
+            place = place[solved[place]]
+        for j in range(0, len(place), few):
+            own = place[j : j + few]
+            matrices[own], traces[own], errors[own] = _some_solved(
+                system, elements.length[own], rows[own - k], columns[own - k]
+            )
+    return matrices, traces, errors, solved
 
 
-def _some_solved(waveforms: Waveforms, elements: Elements) -> tuple[Array, Array, Array]:
-    """Return what `_solved` does, for as many elements as fit into the cache."""
-    system, E, h = waveforms.system, len(elements.of), elements.length[:, None, None]
+def _told(system: System, length: Array, A: Array) -> Array:
+    """Return what the state matrix alone tells of errors: where the Gauss points leave it, and were it constant."""
+    off = A[:, STAGES:] - (BETWEEN @ A[:, :STAGES].reshape(len(A), STAGES, -1)).reshape(A[:, STAGES:].shape)
+    errors = length * np.abs(np.einsum("k,ekij->eij", WEIGHTS, off)).max(axis=(1, 2))
+    errors += (length * np.abs(off).max(axis=(1, 2, 3))) ** 2 / (2 * STAGES + 1)
     n, second = system.n, np.flatnonzero(system.second_order)
-    size, omega = _sizes(waveforms)[elements.of], waveforms.omega[elements.of, None]
-    units = np.where(system.second_order, omega * size, size)  # of velocities, and of coordinates of first order
-    columns = np.hstack([units, size[:, second]])
-    A = _rows(waveforms, elements) * (columns[:, None] / (omega * units)[:, :, None])[:, None]
+    whole = np.zeros((len(A), A.shape[3], A.shape[3]))
+    whole[:, :n], whole[:, n + np.arange(len(second)), second] = A[:, STAGES // 2], 1.0
+    whole = whole @ whole
+    whole = whole @ whole
+    size = length * np.einsum("eij,eij->e", whole, whole) ** 0.125
+    return np.asarray(errors + PADE * size ** (2 * STAGES + 1))
+
+
+def _some_solved(system: System, length: Array, A: Array, units: Array) -> tuple[Array, Array, Array]:
+    """Return the first of what `_solved` does, for as many elements as fit into the cache."""
+    E, h = len(length), length[:, None, None]
+    n, second = system.n, np.flatnonzero(system.second_order)
     inner, around = A[:, :STAGES], A[:, STAGES:]
     of_rates, of_positions = inner[..., :n], np.zeros((E, STAGES, n, n))
     of_positions[..., second] = inner[..., n:]
@@ -165,11 +206,11 @@ def _some_solved(waveforms: Waveforms, elements: Elements) -> tuple[Array, Array
     # the error at the end is the integral of what is left of these equations times the adjoint solution: the part
     # that is constant, and what is left of the adjoint equations, which are orthogonal to polynomials
     constant = np.abs(np.einsum("k,ekij->eij", WEIGHTS, left)).max(axis=(1, 2))
-    error = elements.length * constant
-    error += (elements.length * np.abs(left).max(axis=(1, 2, 3))) ** 2 / (2 * STAGES + 1)
+    error = length * constant
+    error += (length * np.abs(left).max(axis=(1, 2, 3))) ** 2 / (2 * STAGES + 1)
     error /= np.maximum(np.abs(ends).max(axis=(1, 2)), 1.0)
-    traces = elements.length * np.einsum("ejii,j->e", of_rates, MEAN)
-    return _of_states(system, ends, columns), traces, error
+    traces = length * np.einsum("ejii,j->e", of_rates, MEAN)
+    return _of_states(system, ends, units), traces, error
 
 
 def _of_states(system: System, ends: Array, units: Array) -> Array:
@@ -196,19 +237,11 @@ def _rows(waveforms: Waveforms, elements: Elements) -> Array:
     The columns are velocities and coordinates of first order, then the other coordinates.
     """
     system, E, S = waveforms.system, len(elements.of), len(SAMPLES)
-    one = system.once("rows of the state matrix", lambda: _rows_of(system, waveforms.model))
-    buffer, run = system.once(("rows of the state matrix", CHUNK), lambda: one.map(CHUNK)).buffer()
+    rows = system.once("rows of the state matrix", lambda: _rows_of(system, waveforms.model))
     tau, of = elements.begin[:, None] + elements.length[:, None] * SAMPLES, np.repeat(elements.of, S)
     lines = np.repeat(waveforms.lines(elements.begin + 0.5 * elements.length, elements.of), S, axis=0)
-    given = np.hstack([waveforms.states(tau.ravel(), of), lines, waveforms.p[of]])
-    given = np.vstack([given, np.repeat(given[-1:], -len(given) % CHUNK, axis=0)])
-    out = np.empty((len(given), system.n * system.n_states))
-    # memory is shared with CasADi, whose columns are the rows here; conversion would cost as much as the work
-    for k in range(0, len(given), CHUNK):
-        buffer.set_arg(0, given[k : k + CHUNK].data)
-        buffer.set_res(0, out[k : k + CHUNK].data)
-        run()
-    return out[: E * S].reshape(E, S, system.n, system.n_states)
+    out = at_each(system.once, rows, waveforms.states(tau.ravel(), of), lines, waveforms.p[of])
+    return out.reshape(E, S, system.n, system.n_states)
 
 
 def _rows_of(system: System, model: Model) -> ca.Function:
@@ -218,4 +251,4 @@ def _rows_of(system: System, model: Model) -> ca.Function:
     x, lines = ca.SX.sym("x", len(model.varying)), ca.SX.sym("lines", model.matrix.size1_in(1))
     p = ca.SX.sym("p", len(system.parameters))
     rows = model.matrix(x, lines, p)[of_rates, of_rates + second]
-    return ca.Function("rows", [ca.vertcat(x, lines, p)], [ca.vec(ca.densify(rows).T)])
+    return ca.Function("rows_of_A", [x, lines, p], [ca.vec(rows.T)])

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from hbbogie.model.elements import AttachedLaw
 from hbbogie.model.system import System
 from hbbogie.stability.elements import field_of
-from hbbogie.stability.shooting import Path, Shooting
+from hbbogie.stability.paths import Path
+from hbbogie.stability.shooting import Shooting
 from hbbogie.stability.variation import Waveforms, contacts_of
 
 Array = NDArray[np.float64]

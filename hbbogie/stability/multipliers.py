@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hbbogie.errors import ModelError, door
 from hbbogie.model.conserved import conserved_in_each, state_names
 from hbbogie.model.parts import is_odd
+from hbbogie.model.stacked import at_each
 from hbbogie.model.system import System
 from hbbogie.results import Orbit, Stability
 from hbbogie.stability.families import may_be_member, within_level
@@ -138,7 +139,7 @@ def _judged(waveforms: Waveforms, steps: int | None, tolerance: float, halved: b
     """Return the verdicts on cycles, each with the number of linear quantities that are conserved."""
     system, p, sizes = waveforms.system, waveforms.p, _sizes(waveforms.all_states.size, waveforms.system.n)
     every, parts = np.arange(len(p)), 2 if halved else 1
-    rates = system.ode(waveforms.all_states.at(np.zeros(len(p)), of=every).T, p.T).full().T
+    rates = at_each(system.once, system.ode, waveforms.all_states.at(np.zeros(len(p)), of=every), p)[..., 0]
     conserved, names = conserved_in_each(system, p, sizes), state_names(system)
     found = []
     for k, along in enumerate(transitions_along(waveforms, steps, half=halved)):

@@ -4,119 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from hbbogie import fourier
 from hbbogie.deadline import time_is_over
+from hbbogie.errors import ModelError
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.conserved import conserved_quantities
 from hbbogie.model.system import System
 from hbbogie.results import Orbit
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.stability.elements import field_of, responses
+from hbbogie.stability.paths import (
+    INTEGRATE,
+    NODES,
+    STAGES,
+    TO_LEGENDRE,
+    WEIGHTS,
+    NewtonStep,
+    Path,
+    Pattern,
+    states_at,
+)
 
 Array = NDArray[np.float64]
 
-STAGES = 12  # Gauss points of an element, which give order 24 at its ends
 FEWEST, MOST = 8, 3000  # elements per period
 COARSE = 1e-6  # local error of the first mesh; the given waveform has small oscillations of its own
 ITERATIONS, HALVINGS, REFINEMENTS = 30, 8, 12
 LARGEST = 1500  # largest number of unknowns for which the shortest correction is computed
+AT_ONCE = 3e5  # entries of a full matrix for each element whose derivatives are held at once
+MEMORY, PER_ENTRY = 2e9, 300  # that shooting may take, and takes for each entry of all transition matrices [bytes]
 SINGULAR = 1e-7  # smallest singular value of an isolated cycle's equations
-
-
-def _integrals(x: Array) -> Array:
-    """Return the integrals from -1 to x of the Legendre polynomials 0 ... STAGES - 1, shape (len(x), STAGES)."""
-    P = legendre.legvander(x, STAGES)
-    k = np.arange(1, STAGES)
-    return np.column_stack([x + 1, (P[:, 2:] - P[:, :-2]) / (2 * k + 1)])
-
-
-_x, _w = legendre.leggauss(STAGES)
-NODES, WEIGHTS = (_x + 1) / 2, _w / 2
-TO_LEGENDRE = np.linalg.inv(legendre.legvander(_x, STAGES - 1))
-INTEGRATE = _integrals(_x) @ TO_LEGENDRE / 2
-
-
-@dataclass(frozen=True, eq=False)
-class Pattern:
-    """The order of contacts over a period: S segments, each of which begins when a contact changes its line.
-
-    Attributes
-    ----------
-    starts, lengths : ndarray, shape (S,), rad
-        Phases at which the segments begin, and their lengths.
-    contact, level : ndarray, shape (S,) or (0,), the level in the unit of the contact's argument
-        The contact that begins each segment, and its level; empty if no contact changes its line.
-    lines : ndarray, shape (S, 2 contacts)
-        Slope and intercept of each contact.
-    """
-
-    starts: Array
-    lengths: Array
-    contact: NDArray[np.int_]
-    level: Array
-    lines: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """A motion on N elements, in scaled states.
-
-    Attributes
-    ----------
-    segment, share : ndarray, shape (N,)
-        The segment in which each element lies, and its share of the segment's duration.
-    x, stages : ndarray, shape (N, n_states) and (N, STAGES, n_states)
-        States where the elements begin, and at their Gauss points.
-    durations : ndarray, shape (S,), s
-    """
-
-    segment: NDArray[np.int_]
-    share: Array
-    x: Array
-    stages: Array
-    durations: Array
-
-    @property
-    def h(self) -> Array:
-        """Duration of each element, shape (N,), s."""
-        return self.durations[self.segment] * self.share
-
-
-@dataclass(frozen=True, eq=False)
-class NewtonStep:
-    """Equations and derivatives at a path; the stages of each element are eliminated.
-
-    Attributes
-    ----------
-    f, error : ndarray, shape (N, STAGES, n_states), 1/s, and float
-        Rates at the stages, and the largest residual of all equations.
-    gap : ndarray, shape (N, n_states)
-        End of each element, with its stages solved for, minus the beginning of the next.
-    transitions, drift : ndarray, shape (N, n_states, n_states) and (N, n_states)
-        Derivatives of the end in the beginning and in the duration.
-    response : ndarray, shape (N, STAGES, n_states, n_states + 2)
-        Stages: correction, derivative in the beginning, derivative in the duration.
-    off, slope : ndarray, shape (S,) and (S, n_states)
-        The arguments of the contacts minus their levels, scaled, and derivatives.
-    """
-
-    f: Array
-    error: float
-    gap: Array
-    transitions: Array
-    drift: Array
-    response: Array
-    off: Array
-    slope: Array
 
 
 class Shooting:
@@ -170,13 +95,13 @@ class Shooting:
         return Path(path.segment[e], path.share[e] / pieces[e], x[:, 0], x[:, 1:], path.durations)
 
     def rates(self, path: Path) -> tuple[Array, Array]:
-        """Return scaled rates, shape (N, STAGES, n_states), and their derivatives at the stages."""
+        """Return scaled rates at the stages, shape (N, STAGES, n_states), and the entries of their derivatives."""
         N, _, n = path.stages.shape
         lines = np.repeat(self.pattern.lines[path.segment], STAGES, axis=0)
         f, entries = self.field((path.stages * self.scale).reshape(-1, n).T, lines.T, self.p)
-        (i, j), J = self.places, np.zeros((N, STAGES, n, n))
-        J[..., i, j] = entries.full().T.reshape(N, STAGES, -1) * (self.scale[j] / self.scale[i])
-        return f.full().T.reshape(N, STAGES, n) / self.scale, J
+        i, j = self.places
+        scaled = entries.full().T.reshape(N, STAGES, -1) * (self.scale[j] / self.scale[i])
+        return f.full().T.reshape(N, STAGES, n) / self.scale, scaled
 
     @cached_property
     def held(self) -> Array:
@@ -185,26 +110,70 @@ class Shooting:
 
     def trace(self, path: Path) -> float:
         """Return the integral of the trace of the rates' derivative over the period."""
-        traces = np.trace(self.rates(path)[1], axis1=2, axis2=3)
+        diagonal = np.equal(*self.places)
+        traces = self.rates(path)[1][..., diagonal].sum(axis=2)
         return float(path.h @ (traces @ WEIGHTS))
 
     def linearise(self, path: Path) -> NewtonStep:
         """Return the equations and their derivatives, with the stages eliminated."""
-        N, _, n = path.stages.shape
-        f, J = self.rates(path)
-        h, x1 = path.h[:, None, None], path.x + path.h[:, None] * (WEIGHTS @ f)
-        ahead = INTEGRATE @ f
-        residual = path.x[:, None] + h * ahead - path.stages
-        right = np.concatenate([residual[..., None], np.tile(np.eye(n), (N, STAGES, 1, 1)), ahead[..., None]], axis=-1)
-        response = responses(path.h, INTEGRATE, J, right, has_many_states(self.system))
-        weighted = (WEIGHTS[:, None, None] * J).swapaxes(1, 2).reshape(N, n, -1)
-        end = h * (weighted @ response.reshape(N, STAGES * n, -1))
-        mismatch = x1 - np.roll(path.x, -1, axis=0)
+        n, many = path.x.shape[1], has_many_states(self.system)
+        parts = []
+        for part in self._in_parts(path):
+            f, J, ahead, residual = self._stages(part)
+            ones = np.tile(np.eye(n), (len(f), STAGES, 1, 1))
+            right = np.concatenate([residual[..., None], ones, ahead[..., None]], axis=-1)
+            response = responses(part.h, INTEGRATE, J, right, many)
+            weighted = (WEIGHTS[:, None, None] * J).swapaxes(1, 2).reshape(len(f), n, -1)
+            end = part.h[:, None, None] * (weighted @ response.reshape(len(f), STAGES * n, -1))
+            parts.append((f, residual, end, response[..., :0] if many else response))
+        f, residual, end, response = (np.concatenate(part) for part in zip(*parts, strict=True))
+        mismatch = path.x + path.h[:, None] * (WEIGHTS @ f) - np.roll(path.x, -1, axis=0)
         mismatch[-1] -= self.advance
         off, slope = self._contacts(path)
         error = np.nan_to_num(max(np.abs(a).max(initial=0.0) for a in (residual, mismatch, off)), nan=np.inf)
         gap, transitions, drift = mismatch + end[..., 0], np.eye(n) + end[..., 1:-1], end[..., -1] + WEIGHTS @ f
         return NewtonStep(f, float(error), gap, transitions, drift, response, off, slope)
+
+    def _in_parts(self, path: Path) -> Iterator[Path]:
+        """Yield the elements of a path, of many states a few at a time, whose derivatives take little memory."""
+        N, n = path.x.shape
+        size = max(1, int(AT_ONCE / n**2)) if has_many_states(self.system) else N
+        for k in range(0, N, size):
+            own = slice(k, k + size)
+            parts = {name: getattr(path, name)[own] for name in ("segment", "share", "x", "stages")}
+            yield replace(path, **parts)
+
+    def _stages(self, path: Path) -> tuple[Array, Array, Array, Array]:
+        """Return rates and derivatives at the stages, the integrals of the rates, and the residuals of the stages."""
+        f, entries = self.rates(path)
+        (i, j), J, ahead = self.places, np.zeros((*f.shape, f.shape[-1])), INTEGRATE @ f
+        J[..., i, j] = entries
+        return f, J, ahead, path.x[:, None] + path.h[:, None, None] * ahead - path.stages
+
+    def _stage_steps(self, path: Path, step: NewtonStep, dx: Array, dd: Array) -> Array:
+        """Return how the stages follow steps of the beginnings, and of the durations of the elements, shape (N,)."""
+        if step.response.shape[-1]:
+            steps = step.response[..., 0] + np.einsum("emsr,er->ems", step.response[..., 1:-1], dx)
+            return np.asarray(steps + step.response[..., -1] * dd[:, None, None])
+        found, k = [], 0
+        for part in self._in_parts(path):
+            _, J, ahead, residual = self._stages(part)
+            own = slice(k, k + len(J))
+            right = residual + dx[own, None] + ahead * dd[own, None, None]
+            found.append(responses(part.h, INTEGRATE, J, right[..., None], True)[..., 0])
+            k += len(J)
+        return np.concatenate(found)
+
+    def gaps(self, path: Path) -> Array:
+        """Return the end of each element, with its stages solved for, minus the beginning of the next; scaled."""
+        gap, many = path.x - np.roll(path.x, -1, axis=0), has_many_states(self.system)
+        gap[-1] -= self.advance
+        ends = []
+        for part in self._in_parts(path):
+            f, J, _, residual = self._stages(part)
+            moved = responses(part.h, INTEGRATE, J, residual[..., None], many)[..., 0]
+            ends.append(part.h[:, None] * (WEIGHTS @ f + np.einsum("m,emrs,ems->er", WEIGHTS, J, moved)))
+        return np.asarray(gap + np.concatenate(ends))
 
     def _contacts(self, path: Path) -> tuple[Array, Array]:
         """Return how far each contact is from its level where its segment begins, scaled; derivatives."""
@@ -264,8 +233,7 @@ class Shooting:
         """Return the path a correction leads to, halved until the residual falls; None where it does not."""
         S, period = len(path.durations), path.durations.sum()
         dx, dd = y[:-S].reshape(path.x.shape), y[-S:] * period
-        stages = step.response[..., 0] + np.einsum("emsr,er->ems", step.response[..., 1:-1], dx)
-        stages += step.response[..., -1] * (dd[path.segment] * path.share)[:, None, None]
+        stages = self._stage_steps(path, step, dx, dd[path.segment] * path.share)
         long = path.durations > 1e-6 * period  # the segment between simultaneous contacts has no duration
         shrinking = float((-dd[long] / path.durations[long]).max())
         alpha = min(1.0, 0.8 / max(shrinking, 1e-300))
@@ -302,20 +270,34 @@ class Shooting:
         )
 
     def close(self, tolerance: float) -> tuple[Path, NewtonStep]:
-        """Return the closed motion on a mesh fine enough for the tolerance."""
-        path, step = self.newton(self.start(max(tolerance, COARSE)), max(1e-2 * tolerance, 1e-13))
+        """Return the closed motion on a mesh fine enough for the tolerance; `ModelError` where it takes too much."""
+        path = self.start(max(tolerance, COARSE))
+        self._check_memory(len(path.x))
+        path, step = self.newton(path, max(1e-2 * tolerance, 1e-13))
         for _ in range(REFINEMENTS):
             pieces = self.pieces(path, step.f, tolerance)
             if (pieces == 1).all():
                 return path, step
             if pieces.sum() > MOST:
                 break
+            self._check_memory(int(pieces.sum()))
             path, step = self.newton(self.split(path, step.f, pieces), max(1e-2 * tolerance, 1e-13))
         raise ConvergenceError(
             f"system {self.system.name!r}: {MOST} elements do not resolve the motion to {tolerance:g}; give a larger "
             "tolerance, or write a kink of the equations as an element.",
             orbit=self.orbit,
         )
+
+    def _check_memory(self, elements: int) -> None:
+        """Raise `ModelError` where the transition matrices of so many elements would take too much memory."""
+        n = self.system.n_states
+        if has_many_states(self.system) and (size := PER_ENTRY * elements * n**2) > MEMORY:
+            raise ModelError(
+                f"verify: {self.system.name!r} has {n} states, with which shooting on {elements} elements would take "
+                f"about {size / 1e9:.2g} GB of memory; the limit is {MEMORY / 1e9:g} GB. What to try: the errors by "
+                "fewer harmonics in errors of a cycle of find_cycles, or the motion from the cycle, "
+                "simulate(system, orbit, 20 * orbit.period, method='cvodes')."
+            )
 
     def isolation(self, path: Path, step: NewtonStep) -> float:
         """Return the smallest singular value of the scaled equations, estimated: about 0 in a family of cycles."""
@@ -326,9 +308,3 @@ class Shooting:
                 y = factors.solve(factors.solve(y / np.linalg.norm(y)), trans="T")
             return float(np.linalg.norm(y) ** -0.5) if np.isfinite(y).all() else 0.0
         return 0.0
-
-
-def states_at(path: Path, f: Array, element: NDArray[np.int_], sigma: ArrayLike) -> Array:
-    """Return scaled states inside elements, sigma from 0 to 1, shape (len(sigma), n_states)."""
-    basis = _integrals(2 * np.asarray(sigma) - 1) @ TO_LEGENDRE / 2
-    return path.x[element] + path.h[element, None] * np.einsum("km,kms->ks", basis, f[element])

@@ -37,6 +37,10 @@ class Signals(Protocol):
         """Return phases from 0 to end, fine enough for harmonic H, and functions and derivatives, shape (P, G, M)."""
 
     @property
+    def bend(self) -> Array:
+        """Bound on the absolute value of the second derivative of each, shape (P, M); infinite where none is known."""
+
+    @property
     def size(self) -> Array:
         """Bound on the absolute value of each, shape (P, M), close to the largest."""
 
@@ -83,7 +87,8 @@ class _OfSeries:
 
     def at(self, tau: Array, derivative: int = 0, of: Places = 0) -> Array:
         # cycles of a branch have many phases in common
-        phases, place = (tau, slice(None)) if isinstance(of, int) else np.unique(tau, return_inverse=True)
+        alone = isinstance(of, int) or len(self.c) == 1
+        phases, place = (tau, slice(None)) if alone else np.unique(tau, return_inverse=True)
         E, out = fourier.synthesis(self.H, phases, derivative)[place], np.empty((len(tau), self.c.shape[2]))
         for k, own in _each(of, len(self.c)):
             out[own] = E[own] @ self.c[k]
@@ -91,8 +96,10 @@ class _OfSeries:
 
     @cached_property
     def derivatives(self) -> Array:
-        by_harmonic = self.c.swapaxes(0, 1)
-        return np.stack([fourier.derivative(by_harmonic, order).swapaxes(0, 1) for order in range(3)])
+        orders = [self.c.swapaxes(0, 1)]
+        for _ in range(2):
+            orders.append(fourier.derivative(orders[-1]))
+        return np.stack(orders).swapaxes(1, 2)
 
     def with_slope(
         self, tau: Array, column: NDArray[np.int_], derivative: int, of: NDArray[np.int_]
@@ -104,6 +111,10 @@ class _OfSeries:
     def on_grid(self, H: int, end: float) -> tuple[Array, Array, Array]:
         grid, _, E = _grid(H, end)
         return grid, E @ self.c, E @ self.derivatives[1]
+
+    @property
+    def bend(self) -> Array:
+        return np.asarray(np.abs(self.derivatives[2]).sum(axis=1))
 
     @property
     def size(self) -> Array:
@@ -148,6 +159,10 @@ class _OfMotions:
             np.stack([self._of_one(k, wrapped, order) for k in range(len(self.orbits))]) for order in (0, 1)
         )
         return grid, values, slopes
+
+    @property
+    def bend(self) -> Array:
+        return np.full(self.rest.shape, np.inf)
 
     @property
     def size(self) -> Array:

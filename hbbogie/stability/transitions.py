@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbogie.exponential import exponentials
+from hbbogie.model.stacked import at_each
 from hbbogie.stability.gauss_elements import Elements, over_elements
 from hbbogie.stability.sparse_transitions import group_matrices, in_groups, runge_kutta_steps
 from hbbogie.stability.variation import Waveforms
@@ -89,7 +90,8 @@ def _exact(waveforms: Waveforms, ends: Array, of: NDArray[np.int_]) -> list[Tran
     inner = of[1:] == of[:-1]
     low, length, of = ends[:-1][inner], np.diff(ends)[inner], of[1:][inner]
     h, middle = length / waveforms.omega[of], low + 0.5 * length
-    A = _matrices(waveforms, waveforms.states(middle, of), waveforms.lines(middle, of), of)
+    along = waveforms.states(middle, of), waveforms.lines(middle, of), waveforms.p[of]
+    A = at_each(waveforms.system.once, waveforms.model.matrix, *along)
     A2 = A @ A
     A4 = A2 @ A2
     sizes = np.einsum("sij,sij->s", A4, A4) ** 0.125
@@ -101,13 +103,6 @@ def _exact(waveforms: Waveforms, ends: Array, of: NDArray[np.int_]) -> list[Tran
     matrices, begins = np.repeat(E, parts, axis=0), np.flatnonzero(np.diff(np.repeat(of, parts))) + 1
     meshes = (np.append(own, ends[-1]) for own in np.split(mesh, begins))
     return [Transitions(*one) for one in zip(meshes, np.split(matrices, begins), traces.tolist(), strict=True)]
-
-
-def _matrices(waveforms: Waveforms, x: Array, lines: Array, of: NDArray[np.int_]) -> Array:
-    """Return the state matrices at varying states, shape (M, m), and lines, shape (M, n_states, n_states)."""
-    n, M = waveforms.system.n_states, len(lines)
-    stacked = waveforms.model.matrix(x.T, lines.T, waveforms.p[of].T).full()
-    return np.asarray(stacked.reshape(n, M, n).swapaxes(0, 1))
 
 
 # --- elements -----------------------------------------------------------------------------------

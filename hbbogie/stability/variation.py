@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -189,14 +190,7 @@ class Waveforms:
         of, k, which = np.nonzero((above[:, :-1] != above[:, 1:]) & ~turns[:, :, contact])
         column = contact[which]
         cells = [(of, which, grid[k], grid[k + 1], u[of, k, column], u[of, k + 1, column])]
-        of, k, column = np.nonzero(turns)
-        sides = slope[of, k, column], slope[of, k + 1, column]
-        top = _roots(self.u, 1, of, column, np.zeros(len(k)), grid[k], grid[k + 1], *sides)
-        before, there, after = u[of, k, column], self.u.with_slope(top, column, 0, of)[0], u[of, k + 1, column]
-        for low, high, first, last in ((grid[k], top, before, there), (top, grid[k + 1], there, after)):
-            crosses = (first[:, None] >= level[of]) != (last[:, None] >= level[of])
-            i, which = np.nonzero(crosses & (contact == column[:, None]))
-            cells.append((of[i], which, low[i], high[i], first[i], last[i]))
+        cells += self._beside_turns(grid, u, slope, turns)
         of, which = (np.concatenate([cell[i] for cell in cells]) for i in (0, 1))
         order = np.argsort(of, kind="stable")
         of, which, *ends = (
@@ -209,6 +203,27 @@ class Waveforms:
         found, of = found[order], of[order]
         once = np.append(True, (np.diff(found) != 0) | (np.diff(of) != 0))[: len(found)]
         return found[once], of[once]
+
+    def _beside_turns(self, grid: Array, u: Array, slope: Array, turns: NDArray[np.bool_]) -> list[tuple[Any, ...]]:
+        """Return the two sides of each turning point between which and the ends of its cell a level is crossed."""
+        contact, level = self.levels
+        of, k, column = np.nonzero(turns)
+        # in a cell a signal differs from the chord by no more than its second derivative allows
+        aside = np.diff(grid)[k] ** 2 / 8 * self.u.bend[of, column]
+        before, after = u[of, k, column], u[of, k + 1, column]
+        low, high = np.minimum(before, after) - aside, np.maximum(before, after) + aside
+        within = (level[of] >= low[:, None]) & (level[of] <= high[:, None]) & (contact == column[:, None])
+        if not (near := within.any(axis=1)).any():
+            return []
+        of, k, column, before, after = (x[near] for x in (of, k, column, before, after))
+        sides = slope[of, k, column], slope[of, k + 1, column]
+        top = _roots(self.u, 1, of, column, np.zeros(len(k)), grid[k], grid[k + 1], *sides)
+        there, cells = self.u.with_slope(top, column, 0, of)[0], []
+        for low, high, first, last in ((grid[k], top, before, there), (top, grid[k + 1], there, after)):
+            crosses = (first[:, None] >= level[of]) != (last[:, None] >= level[of])
+            i, which = np.nonzero(crosses & (contact == column[:, None]))
+            cells.append((of[i], which, low[i], high[i], first[i], last[i]))
+        return cells
 
     def phases(self, end: float) -> tuple[Array, NDArray[np.int_]]:
         """Return 0, the switchings between 0 and end, and end, rad, of one orbit after the other, and whose."""

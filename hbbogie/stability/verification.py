@@ -17,7 +17,8 @@ from hbbogie.results import Orbit, Stability
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.stability.alignment import HARMONICS, aligned, coefficients_of
 from hbbogie.stability.jumps import Passages, passages_along, passages_of
-from hbbogie.stability.shooting import SINGULAR, TO_LEGENDRE, NewtonStep, Path, Pattern, Shooting, states_at
+from hbbogie.stability.paths import TO_LEGENDRE, NewtonStep, Path, Pattern, states_at
+from hbbogie.stability.shooting import SINGULAR, Shooting
 from hbbogie.stability.transitions import product
 from hbbogie.stability.variation import Waveforms, check_orbit
 from hbbogie.stability.verdicts import Motion, judge
@@ -96,7 +97,8 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
     Raises
     ------
     ModelError
-        When the orbit does not belong to the system, or is an equilibrium.
+        When the orbit does not belong to the system, or is an equilibrium, or where shooting would take more than
+        2 GB of memory.
     ConvergenceError
         When shooting does not converge from the orbit, or no order of contacts agrees with the motion.
 
@@ -122,8 +124,8 @@ def verify(system: System, orbit: Orbit, *, tolerance: float = 1e-10) -> Verific
         raise
     passages = passages_of(shooting, path)
     _check_passing(passages, orbit)
-    halves = shooting.linearise(shooting.split(path, step.f, np.full(len(path.x), 2)))
-    closure = max(float(np.abs(halves.gap).max()), float(np.abs(step.off).max(initial=0.0)))
+    halves = shooting.split(path, step.f, np.full(len(path.x), 2))
+    closure = max(float(np.abs(shooting.gaps(halves)).max()), float(np.abs(step.off).max(initial=0.0)))
     omega = float(2 * np.pi / path.durations.sum())
     amplitudes = _peaks(shooting, path, step)
     ranges = np.ptp(_dense(shooting, path, step)[1][..., : system.n], axis=(0, 1))

@@ -94,6 +94,19 @@ def test_factors_of_a_matrix_with_a_complex_pair():
     assert signs[0] == 1 and signs[3] == -1
 
 
+@pytest.mark.parametrize("turns", [(1.0, 1.0), (-1.0, 0.6), (1.0, -0.997)])
+def test_factors_of_a_matrix_with_multipliers_that_are_nearly_the_same(turns):
+    """IDENTITY: multipliers 3, 1e-25 times two factors, 1e-27 times the same, in factors that mix them."""
+    rng = np.random.default_rng(1)
+    bases = [np.linalg.qr(a)[0] + 0.1 * rng.normal(size=(5, 5)) for a in rng.normal(size=(20, 5, 5))]
+    known = np.array([3.0, *(1e-25 * np.array(turns)), *(1e-27 * np.array(turns))])
+    D, flips = np.diag(np.abs(known) ** (1 / 20)), np.diag(np.sign(known))
+    factors = [bases[(k + 1) % 20] @ (D @ flips if k == 7 else D) @ np.linalg.inv(bases[k]) for k in range(20)]
+    logarithms, signs = log_moduli(np.array(factors))
+    assert logarithms == pytest.approx(np.log(np.abs(known)), abs=1e-10)
+    assert np.abs(turns[0]) == np.abs(turns[1]) or (signs == np.sign(known)).all()
+
+
 def test_logarithms_of_positive_coordinates():
     """The same periods; where a branch is lost, as that of the Oregonator in its canards, they are offered."""
     x, z = (hb.Coordinate(s, bounds=(0, np.inf)) for s in "xz")

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import matplotlib
@@ -252,6 +253,62 @@ def test_interruption():
     run.send_signal(signal.SIGINT)
     out, err = run.communicate(timeout=60)
     assert run.returncode == 130 and out == "" and "interrupted" in err and "Traceback" not in err
+
+
+LONG_SEARCH = """
+from hbbogie import load_problem
+
+PARAMETER, RANGE = "mu", (-1.0, 0.5)
+
+
+def SYSTEM():
+    return load_problem("bautin").bautin(a=1.4)
+
+
+def design(system):
+    return {"over": {"a": (0.2, 2.0), "w0": (0.5, 2.0)}, "harmonics": 3}
+
+
+from scipy import stats
+
+from hbbogie.design import Uncertainty
+
+UNCERTAIN = Uncertainty({"a": stats.norm(1, 0.1)})
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+def test_interruption_of_a_design_keeps_the_best_so_far(tmp_path):
+    """The values that it leaves are those of a system with a higher critical value, -a^2 / 4."""
+    (tmp_path / "search.py").write_text(LONG_SEARCH)
+    run = process("design", str(tmp_path / "search.py"), "--output", str(tmp_path / "out"))
+    while "design 2," not in (line := run.stderr.readline()):
+        assert line or run.poll() is None, "the process ended before its second design"
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130 and "interrupted" in err and "Traceback" not in err
+    values = tomllib.loads((tmp_path / "out" / "optimum.toml").read_text())
+    assert 0.2 <= values["a"] < 1.4
+
+
+def test_a_robust_design_from_the_shell(tmp_path):
+    """The quantile of -a^2 x^2 / 4 is highest with the least a; three designs are judged by random ones."""
+    (tmp_path / "search.py").write_text(LONG_SEARCH)
+    given = ["--quantile", "0.1", "--designs", "4", "--samples", "6", "--json", "-q", "--no-figures"]
+    found = document(call("design", tmp_path / "search.py", *given))
+    assert found["data"]["converged"] and found["data"]["parameters"]["a"] == pytest.approx(0.2, abs=1e-9)
+    (table,) = (t for t in found["tables"] if t["name"] == "robust")
+    assert list(dict.fromkeys(row[0] for row in table["rows"])) == ["before", "nominal", "after"]
+    for wrong, text in (
+        (["--quantile", "2"], "between 0 and 1"),
+        (["--quantile", "0.1", "--robust", "2"], "either"),
+        (["--designs", "6"], "belongs to a quantile"),
+        (["--samples", "-1"], "greater than or equal to 0"),
+        (["--robust", "nan"], "finite number"),
+        (["--start", tmp_path / "none.toml"], "--start"),
+    ):
+        result = call("design", tmp_path / "search.py", *wrong)
+        assert result.exit_code == 2 and text in result.output
 
 
 def test_figures_are_left_out_or_of_the_form_asked_for(tmp_path):

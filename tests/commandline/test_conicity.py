@@ -44,6 +44,15 @@ def test_profile_from_a_file(tmp_path):
     assert [row[1] for row in rows] == pytest.approx([0.1835417203, 0.3047022771], abs=2e-4)
 
 
+def test_inclination_of_the_rails(tmp_path):
+    """On rails inclined 1:20 a wheel S1002 has next to no conicity; a drawing is turned, UIC60 has its own turn."""
+    rows = []
+    for arguments in (("--inclination", 0.05), ("--inclination", 0.025), ()):
+        result = call("s1002", "uic60", "--amplitudes", "3", *arguments, "--json")
+        rows.append(json.loads(result.stdout)["tables"][0]["rows"][0][1])
+    assert rows[0] < 0.012 and rows[1] == pytest.approx(rows[2], rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -52,6 +61,7 @@ def test_profile_from_a_file(tmp_path):
         (("s1002", "uic60", "--amplitudes", "9"), "amplitude 9 mm: the travel leaves the table of shifts"),
         (("s1002", "uic60", "--step", "0"), "step: got 0.0; give a finite number above 0 in mm"),
         (("s1002", "uic60", "--step", "9"), "step 9 mm is more than the largest shift"),
+        (("s1002", "uic60", "--inclination", "20"), "rail inclination: got 20.0; give a slope of at most 0.2"),
         (("s1002", "uic60", "--gauge", "900"), "at a lateral shift of"),
     ],
 )

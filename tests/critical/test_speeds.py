@@ -93,3 +93,9 @@ def test_a_fold_below_the_interval_counts_where_its_branch_begins_inside():
     found = hb.critical_speeds(bautin, "mu", (-0.2, 0.3))
     assert [c.kind for c in found] == ["fold", "hopf"] and found[0].value == pytest.approx(-0.25, abs=1e-9)
     assert [c.kind for c in hb.critical_speeds(bautin, "mu", (0.1, 0.3))] == []
+
+
+def test_progress_is_a_growing_share():
+    said = []
+    hb.critical_speeds(hb.load_problem("bautin").bautin(), "mu", (-1.0, 1.0), progress=lambda m, f: said.append(f))
+    assert said[0] == 0 and said == sorted(said) and said[-1] < 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 
 import matplotlib
 import numpy as np
@@ -128,10 +129,37 @@ def test_fold_and_hopf_point_equally_low(start):
     found = hb.optimise(system, raise_="mu", over={"s": (0.0, 2.0)}, interval=(-2.0, 5.0), harmonics=3)
     assert found.converged and found.parameters["s"] == pytest.approx(13 / 12, rel=1e-7)
     assert found.value == pytest.approx(3 - 13 / 12, rel=1e-7)
+    again = hb.optimise(
+        system, raise_="mu", over={"s": (0.0, 2.0)}, interval=(-2.0, 5.0), harmonics=3, start=found.parameters
+    )
+    assert again.value == pytest.approx(found.value, rel=1e-9) and again.value_before == found.value_before
+    assert again.starts[0].parameters == found.parameters and len(again.history) == 1
     weights = {name.split()[0]: w for name, w in found.weights.items()}
     assert weights == pytest.approx({"fold": 1 / 3, "Hopf": 2 / 3}, abs=1e-6)
     one = single_level(found.before, found.over)
     assert one.converged and one.value == pytest.approx(found.value, rel=1e-6)
+
+
+def test_ctrl_c_keeps_the_best_design():
+    """What it has is a design that was solved for, better than the first; before there is one, Ctrl-C is Ctrl-C."""
+    system = two_modes(1.7)
+
+    def search(at):
+        def progress(message, fraction):
+            if message.startswith(at):
+                signal.raise_signal(signal.SIGINT)
+
+        over = {"s": (0.0, 2.0)}
+        return hb.optimise(system, raise_="mu", over=over, interval=(-2.0, 5.0), harmonics=3, progress=progress)
+
+    found = search("optimising, design 3")
+    assert found.interrupted and not found.converged and "interrupted" in found.status
+    s = found.parameters["s"]
+    assert found.value_before < found.value == pytest.approx(min(2 * s - 0.25, 3 - s), rel=1e-9)
+    late = search("optimising, searching for all critical values anew")
+    assert late.interrupted and not late.converged and late.value == pytest.approx(3 - 13 / 12, rel=1e-7)
+    with pytest.raises(KeyboardInterrupt):
+        search("searching for the critical values of the design before")
 
 
 def test_a_critical_value_above_the_range_is_the_end_of_the_range():
@@ -140,6 +168,20 @@ def test_a_critical_value_above_the_range_is_the_end_of_the_range():
     assert (
         found.value == -0.1 and found.after.critical == () and found.weights == {"end of the range": pytest.approx(1.0)}
     )
+
+
+def test_a_fold_to_which_no_hopf_point_leads():
+    """r' = r (-s + mu r^2 - r^4) with s > 0: rest is always stable, and the fold lies at mu = 2 sqrt(s)."""
+    x, y = hb.Coordinate("x"), hb.Coordinate("y")
+    mu, s = hb.Parameter("mu", 1.0), hb.Parameter("s", 0.5)
+    r = x**2 + y**2
+    rate = -s + mu * r - r**2
+    system = hb.System("apart", [x, y], [mu, s], [x.dot - rate * x + y, y.dot - rate * y - x])
+    found = hb.optimise(system, raise_="mu", over={"s": (0.2, 0.9)}, interval=(0.5, 3.0), harmonics=3)
+    assert found.value_before == pytest.approx(2 * np.sqrt(0.5), rel=1e-8)
+    assert found.converged and found.value == pytest.approx(2 * np.sqrt(0.9), rel=1e-8)
+    with pytest.raises(hb.ConvergenceError, match=r"has a cycle at mu = 1\.5 already"):
+        design_point(system, "mu", (1.5, 3.0), 3)
 
 
 def test_a_critical_value_below_the_range_is_refused():
@@ -178,6 +220,7 @@ def test_wrong_input():
         ({"over": {"a": 5.0}}, "pair of bounds"),
         ({"over": ["a"]}, "pair of bounds"),
         ({"over": {"a": (0.5, 2.0)}, "starts": 0}, "from 1"),
+        ({"over": {"a": (0.5, 2.0)}, "start": {"w0": 1.0}}, "unknown parameter to choose 'w0'"),
         ({"over": {"b": (0.5, 2.0)}}, "unknown parameter 'b'"),
         ({"over": {"a": (2.0, 0.5)}}, "low < high"),
         ({"over": {"mu": (0.5, 2.0)}}, "another parameter"),

@@ -143,10 +143,13 @@ def test_a_sampled_quantile_in_closed_form():
     """The fold -a^2 x^2 / 4: SciPy's quantile of Harrell and Davis of the true values; its derivative is 2 v / a."""
     system = hb.load_problem("bautin").bautin(a=1.5)
     point, uncertain = design_point(system, "mu", (-2.5, 0.5), 3), Uncertainty({"a": stats.norm(1, 0.1)})
-    (row,) = SampledQuantile(uncertain, 0.1, 30, seed=2).rows(point)
-    true = -((1.5 * uncertain.sample(30, np.random.default_rng(2))[:, 0]) ** 2) / 4
+    row, *others = SampledQuantile(uncertain, 0.1, 30, seed=2).rows(point)
+    true = -((1.5 * uncertain.evenly(30, 2)[:, 0]) ** 2) / 4
     assert row.value == pytest.approx(float(stats.mstats.hdquantiles(true, [0.1])[0]), rel=1e-8)
-    assert row.gradient[system.parameter_names.index("a")] == pytest.approx(2 * row.value / 1.5, rel=1e-6)
+    for other in (row, *others):  # homogeneous of degree 2 in a, whichever values count
+        assert other.value >= row.value
+        assert other.gradient[system.parameter_names.index("a")] == pytest.approx(2 * other.value / 1.5, rel=1e-6)
+        assert other.hessian(["a"])[0, 0] == pytest.approx(2 * other.value / 1.5**2, rel=0.02)  # of those that count
 
 
 def test_a_sampled_optimum_in_closed_form():
@@ -160,9 +163,34 @@ def test_a_sampled_optimum_in_closed_form():
     found = hb.optimise(
         system, raise_="mu", over={"s": (0.1, 1.5)}, maximise=quantile, interval=(-3.0, 3.0), harmonics=3
     )
-    Q = float(stats.mstats.hdquantiles(uncertain.sample(6, np.random.default_rng(1))[:, 0], [0.9])[0])
+    Q = float(stats.mstats.hdquantiles(uncertain.evenly(6, 1)[:, 0], [0.9])[0])
     assert found.converged and found.parameters["s"] == pytest.approx(1 / Q, rel=1e-4)
     assert found.value == pytest.approx(1 / Q, rel=1e-6)
+
+
+def test_evenly_spread_factors():
+    """The mean of 256 normal factors misses the true one by far less than 1 / 16 of their deviation; so correlated."""
+    C = np.array([[1.0, 0.6], [0.6, 1.0]])
+    pair = {"a": stats.norm(1, 0.1), "b": stats.norm(1, 0.2)}
+    for uncertain in (Uncertainty(pair), Uncertainty(pair, C)):
+        x = uncertain.evenly(256, seed=1)
+        np.testing.assert_allclose(x.mean(axis=0), 1.0, atol=0.1 / 160)
+        correlation = 0.0 if uncertain.correlation is None else 0.6
+        assert np.corrcoef(x.T)[0, 1] == pytest.approx(correlation, abs=0.02)
+
+
+def test_the_best_quantile_lies_where_two_random_designs_are_equal():
+    """The critical value s e + (1 - s) (2 - e) is 1 for every e at s = 1/2, and for some e lower on either side."""
+    x, y, mu = hb.Coordinate("x"), hb.Coordinate("y"), hb.Parameter("mu", 0.0)
+    s, e = hb.Parameter("s", 0.3), hb.Parameter("e", 1.0)
+    rate = mu - s * e - (1 - s) * (2 - e) - x**2 - y**2
+    system = hb.System("crossing", [x, y], [mu, s, e], [x.dot - rate * x + y, y.dot - rate * y - x])
+    quantile = SampledQuantile(Uncertainty({"e": stats.uniform(0.5, 1.0)}), 0.1, 4, seed=1)
+    found = hb.optimise(
+        system, raise_="mu", over={"s": (0.1, 0.9)}, maximise=quantile, interval=(-3.0, 3.0), harmonics=3
+    )
+    assert found.converged and found.parameters["s"] == pytest.approx(0.5, abs=1e-6)
+    assert found.value == pytest.approx(1.0, rel=1e-8) and len(found.weights) >= 2
 
 
 def test_random_bogies_are_solved_for_in_batches(bogie, point):
@@ -173,13 +201,13 @@ def test_random_bogies_are_solved_for_in_batches(bogie, point):
     found = hb.critical_speeds_of(bogie, designs, interval=(60.0, 190.0))
     np.testing.assert_allclose(drawn.values, found.critical, rtol=1e-10)
     quantile, h = SampledQuantile(uncertain, 0.2, 24, seed=4), 1e-4
-    (row,) = quantile.rows(point)
+    row = quantile.rows(point)[0]
     assert np.sort(drawn.values)[0] < row.value < np.median(drawn.values)
     for name in ("K1", "b"):  # one that is uncertain, one that is not
         sides = []
         for sign in (1, -1):
             system = bogie.with_parameters(**{name: bogie.values[name] * (1 + sign * h)})
-            sides += [r.value for r in quantile.rows(design_point(system, "V", (60.0, 190.0), near=point))]
+            sides.append(quantile.rows(design_point(system, "V", (60.0, 190.0), near=point))[0].value)
         slope = row.gradient[bogie.parameter_names.index(name)] * bogie.values[name]
         assert (sides[0] - sides[1]) / (2 * h) == pytest.approx(slope, rel=1e-5, abs=1e-5)
 
@@ -187,6 +215,13 @@ def test_random_bogies_are_solved_for_in_batches(bogie, point):
 def test_wrong_input(point):
     with pytest.raises(hb.ModelError, match="names no parameter"):
         Uncertainty({})
+    with pytest.raises(hb.ModelError, match="factor of 'a' is 'normal'; give a frozen distribution"):
+        Uncertainty({"a": "normal"})
+    with pytest.raises(hb.ModelError, match="finite number of standard deviations"):
+        RobustValue(Uncertainty(FACTORS), float("nan"))
+    for quantity in (RobustValue, SampledQuantile):  # a stiffness of less than nothing
+        with pytest.raises(hb.ModelError, match=r"'K1' takes it from -.* but its bounds are"):
+            quantity(Uncertainty({"K1": stats.norm(1, 0.5)})).rows(point)
     with pytest.raises(hb.ModelError, match="'a' has no finite moments"):
         Uncertainty({"a": stats.cauchy()})
     with pytest.raises(hb.ModelError, match="normal factors"):

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from hbbogie import Coordinate, ModelError, Parameter, System
+from hbbogie import Coordinate, ModelError, Parameter, System, hopf_points
 from hbbogie.model import magnitude, quotient
 
 
@@ -40,3 +40,19 @@ def test_a_quotient_of_zeros_is_named():
         System("slider", [x], [k], [x.ddot + x + k * ca.tanh(u) * x.dot / u])
     assert "magnitude(x, y)" in str(told.value)
     System("slider", [x], [k], [x.ddot + x + k * quotient(ca.tanh(u), u, 1) * x.dot])
+
+
+def test_a_root_without_derivative_is_named_where_equilibria_are_searched():
+    """The law is finite at rest, its derivative is 0/0: the evidence gives the helper."""
+    x, y = Coordinate("x", "m"), Coordinate("y", "m")
+    k = Parameter("k", 1.0, "N/m", "stiffness", (0.1, 10.0))
+    u = k + ca.sqrt(x**2 + y**2)
+    system = System("plane", [x, y], [k], [x.ddot + 0.1 * x.dot + u * x, y.ddot + 0.1 * y.dot + u * y])
+    found = hopf_points(system, "k", (0.5, 2.0))
+    assert any("hbbogie.model.magnitude(x, y)" in sentence for sentence in found.evidence)
+
+
+@pytest.mark.parametrize("wrong", [lambda: quotient("x", 1.0, 1.0), lambda: magnitude(None)])
+def test_what_is_no_expression_is_refused(wrong):
+    with pytest.raises(ModelError, match="give a scalar expression"):
+        wrong()

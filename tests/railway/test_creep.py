@@ -195,8 +195,25 @@ def test_what_is_refused():
         Polach2005(**PATCH, speed=20.0, ratio=0.4, decay=-1.0)
     with pytest.raises(ModelError, match=r"outside Kalker's table; give 0\.1 to 10"):
         kalker_coefficients(11.0)
-    with pytest.raises(ModelError, match="is no ellipse"):
-        hertz_ellipse(1e4, 0.46, 0.3, wheel_profile_radius=-0.2)
+    with pytest.raises(ModelError, match="Poisson's ratio nu = 'steel' is outside"):
+        kalker_coefficients(1.0, "steel")
+    with pytest.raises(ModelError, match="creepages: got inf; give finite numbers"):
+        VJ.force(np.inf, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"wheel_profile_radius": -0.2}, "is no ellipse"),
+        ({"wheel_profile_radius": 0.0}, "got 0.0; give a number in m, negative for a hollow wheel"),
+        ({"wheel_profile_radius": "flat"}, "got 'flat'; give a number in m"),
+        ({"nu": 1.0}, "nu = 1.0; give a number above -1 and up to 0.5"),
+        ({"shear": 0.0}, "shear: got 0.0; give a finite number above 0 in Pa"),
+    ],
+)
+def test_ellipses_that_are_refused(wrong, words):
+    with pytest.raises(ModelError, match=words):
+        hertz_ellipse(1e4, 0.46, 0.3, **wrong)
 
 
 # Kalker 1990, Table E.3, as C. Kaas-Petersen and others use it

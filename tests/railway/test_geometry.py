@@ -76,6 +76,7 @@ POINTS = np.linspace(-68.0, 58.0, 253)
         ("{:.6f}, {:.6f}", "! comment\n\n", ""),
         ("  {:.6f}\t{:.6f}  ", "header\npoint.begin\n", "point.end\nspline.end\n"),
         ("{:.6f};{:.6f};", "y; z\n", ""),
+        ("{:.6f} {:.6f}  # right, 1", "\ufeff", ""),  # the mark of the byte order, and comments behind the numbers
     ],
 )
 @pytest.mark.parametrize("turned", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
@@ -104,6 +105,37 @@ def test_rail_is_read_in_any_orientation(tmp_path):
         np.testing.assert_allclose(read.z, rail.z[kept], atol=1e-6)
 
 
+def test_inclination_of_a_rail(tmp_path):
+    """Drawn upright and turned by 1:40 it is the inclined one; contact at 1:20 by a script of its own.
+
+    Inclined by 1:20 the gauge face of UIC60 stands upright: many points lie one above the other.
+    """
+    rail, turn = uic60(), np.arctan(1 / 40)
+    y, z = rail.y * np.cos(turn) - rail.z * np.sin(turn), rail.z * np.cos(turn) + rail.y * np.sin(turn)
+    path = write(tmp_path / "drawn.txt", y, z, "{:.9f} {:.9f}")
+    shift = np.array([1.0, 3.0, 6.0])
+    drawn, inclined = (
+        contact_geometry(s1002(), of, shift).radius_difference for of in (read_rail(path, inclination=1 / 40), rail)
+    )
+    assert drawn == pytest.approx(inclined, abs=2e-4)
+    upright = contact_geometry(s1002(), uic60(1 / 20), [0.5, 1.0, 3.0, 5.0, 5.5, 6.0])
+    expected = [0.0089708, 0.0180314, 0.0570159, 0.1053662, 0.1202495, 4.5135465]
+    assert upright.radius_difference == pytest.approx(expected, abs=1e-3)
+    with pytest.raises(ModelError, match=r"rail inclination: got 20; give a slope of at most 0\.2"):
+        uic60(20)
+
+
+def test_upright_faces_do_not_disturb_the_profile():
+    """Points one above the other, to rounding, beside a parabola that a cubic spline meets exactly."""
+    y = np.linspace(-35.0, 35.0, 141)
+    face = np.linspace(30.0, 0.003 * 35**2, 40, endpoint=False)
+    rising = np.append(-35.0 - 1e-8 * np.arange(40, 0, -1), y)
+    rail = Profile("upright", rising, np.append(face, 0.003 * y**2))
+    at = np.linspace(-34.99, 35.0, 1001)
+    np.testing.assert_allclose(rail.height(at), 0.003 * at**2, atol=1e-9)
+    np.testing.assert_allclose(rail.slope(at), 0.006 * at, atol=1e-8)
+
+
 def test_what_is_under_an_overhang_is_left_out(tmp_path):
     """The web below the head of a rail, whose contour turns back."""
     rail = uic60()
@@ -123,6 +155,10 @@ def test_what_is_under_an_overhang_is_left_out(tmp_path):
         ("\n".join(f"{i / 1e3} {i * i / 4e6}" for i in range(-60, 60)), "in millimetres"),
         ("\n".join(f"{(37 * i) % 120 - 60} {((37 * i) % 120 - 60) / 4}" for i in range(120)), "in their order along"),
         ("1 2\n" * 12 + "3 nan\n", "line 13, '3 nan', is no finite point"),
+        (
+            "\n".join(f"{i * i / 120} {i}" for i in range(-60, 60)),
+            "30 mm wide and 119 mm high; give the lateral position",
+        ),
         ("\n".join(f"{i} {i}" for i in range(5, 50)), "shift it so that the rolling circle is at y = 0"),
     ],
 )
@@ -324,6 +360,13 @@ def test_cone_has_its_conicity_by_every_definition():
     for name in ("equivalent", "least_squares", "harmonic"):
         assert getattr(found, name) == pytest.approx(np.full(3, 0.15), rel=1e-9)
     assert found.centre == pytest.approx(np.full(3, 0.5), abs=1e-9)
+
+
+def test_small_amplitudes_see_the_slope_in_the_middle():
+    """However small: the potentials of the table's ends are much larger than those of the travel."""
+    y = np.linspace(-8, 8, 161)
+    found = equivalent_conicity(y, 0.4 * y + np.where(np.abs(y) > 6, 20 * np.sign(y), 0), [1e-4, 1e-3, 1e-2])
+    assert found.equivalent == pytest.approx(np.full(3, 0.2), rel=1e-6)
 
 
 def test_linearisations_of_a_dead_band_are_in_closed_form():

@@ -8,6 +8,7 @@ import pytest
 
 import hbbogie as hb
 from hbbogie.branches import cycle_after
+from hbbogie.motion import group_states, moving_groups, simulate
 
 KNOWN = json.loads((Path(__file__).parent / "vehicle.json").read_text(encoding="utf-8"))
 TRAIN = hb.load_problem("train")
@@ -70,7 +71,70 @@ def test_groups_of_a_train_are_its_bogies():
     assert list(TRAIN.train(2).groups) == [f"{end} bogie of vehicle {m}" for m in (1, 2) for end in ("front", "rear")]
 
 
-@pytest.mark.parametrize("n", [0, 1.5, -2])
+@pytest.mark.parametrize("n", [0, 1.5, -1, 1000, float("nan"), "two"])
 def test_number_of_vehicles(n):
-    with pytest.raises(hb.ModelError, match="whole number from 1"):
+    with pytest.raises(hb.ModelError, match="whole number from 1 to 64"):
         TRAIN.train(n)
+
+
+def test_groups_that_move_as_in_one_cycle_are_on_it():
+    """States in which each group follows its neighbour as in a cycle of all are states of that cycle."""
+    system = TRAIN.train(2)
+    hopf = hb.hopf_points(system, "V", (60.0, 110.0))[0].orbit
+    waves = np.random.default_rng(5).uniform(0.5, 1.0, (2, system.n)) * [[1.0], [-1.0]]
+    cycle = hopf.replace(coefficients=np.vstack([np.zeros(system.n), 0.01 * waves]))
+    states = dict(group_states(system, [cycle]))
+    assert len(states) == 4 + 3 + 3  # each alone, neighbours, all in three ways
+    x = next(state for where, state in states.items() if "each after the one before" in where)
+    t = np.linspace(0, cycle.period, 20001)
+    assert np.abs(np.hstack([cycle.q(t), cycle.v(t)]) - x).max(axis=1).min() < 1e-3 * np.abs(x).max()
+
+
+def test_fold_of_an_uncoupled_train_is_that_of_its_vehicle():
+    """The sparse equations of the train have the fold of the full ones of the vehicle, and the same gradient."""
+    one = hb.load_problem("vehicle").vehicle(V=60.0)
+    cycle = cycle_after(one, {"y1": 0.01, "y2": 0.01, "y3": 0.01, "y4": 0.01})
+    balance = hb.HarmonicBalance(9).equations(one)
+    branch = hb.trace(balance, cycle, "V", (50.0, 60.0), stability=False)
+    own = hb.fold(balance, min(branch.folds(), key=lambda special: special.value), search=False)
+    free = TRAIN.train(2, kcy=0.0, ccy=0.0, kcp=0.0, ccp=0.0)
+    guess = own.orbit.replace(
+        system=free.name,
+        coordinates=free.coordinate_names,
+        units=tuple(c.unit for c in free.coordinates),
+        coefficients=np.hstack([own.orbit.coefficients, 0.0 * own.orbit.coefficients]),
+        omega=1.001 * own.omega,
+        parameters=dict(free.values) | {"V": own.value + 0.01},
+    )
+    found = hb.fold(hb.HarmonicBalance(9).equations(free), guess, "V", search=False)
+    assert found.value == pytest.approx(own.value, rel=1e-9)
+    for name, slope in own.gradient.items():
+        assert found.gradient[name] == pytest.approx(slope, rel=1e-6, abs=1e-12)
+
+
+def test_shooting_on_a_long_train_takes_too_much_memory():
+    system = TRAIN.train(16, V=65.0)
+    hopf = hb.hopf_points(TRAIN.train(1), "V", (60.0, 110.0))[0].orbit
+    wave = hopf.replace(
+        system=system.name,
+        coordinates=system.coordinate_names,
+        units=tuple(c.unit for c in system.coordinates),
+        coefficients=0.01 * np.vstack([np.zeros(system.n), np.ones((2, system.n))]),
+        parameters=dict(system.values),
+    )
+    with pytest.raises(hb.ModelError, match=r"about \d+ GB of memory; the limit is 2 GB.*What to try"):
+        hb.verify(system, wave)
+
+
+@pytest.mark.slow
+def test_several_bogies_hunt_at_once():
+    """Motions lead to stable cycles of both bogies of a vehicle, which CVODES confirms, and of all."""
+    system = TRAIN.train(2, V=65.0)
+    found = hb.find_cycles(system, limit=240.0)
+    moves = {moving_groups(system, cycle): cycle for cycle in found if cycle.verdict == "stable"}
+    pairs = [f"front bogie of vehicle {m} + rear bogie of vehicle {m}" for m in (1, 2)]
+    assert {*system.groups, *pairs, "rear bogie of vehicle 1 + front bogie of vehicle 2", "all"} <= {*moves}
+    for name in (pairs[0], "all"):
+        cycle = moves[name]
+        later = simulate(system, cycle, 100 * cycle.period, method="cvodes", step=cycle.period / 50)
+        assert later.period(periods=20) == pytest.approx(cycle.period, rel=1e-5)

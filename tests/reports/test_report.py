@@ -110,7 +110,7 @@ def test_cycles_table():
     assert header["first harmonic y [1]"] == pytest.approx(1.0, rel=1e-12)
     assert header["stability"] == "unknown" and header["largest multiplier [1]"] == 0.5
     assert dict(zip(table.columns, table.rows[0], strict=True))["stability"] is None
-    assert table.notes == ("Cycle 2: neutral.",)
+    assert table.notes == ("Of the 2 cycles none is known to be stable.", "Cycle 2: neutral.")
 
 
 def test_write(tmp_path):
@@ -160,7 +160,8 @@ def test_default_study_of_the_bautin_form():
     said = []
     report = run_of(module, system, lambda message, fraction: said.append((message, fraction)))
     tables = {t.name: t for t in report.tables}
-    assert [row[-4] for row in tables["cycles"].rows] == ["unstable", "stable"]
+    assert [row[1] for row in tables["cycles"].rows] == ["unstable", "stable"]
+    assert tables["cycles"].notes[0] == "Of the 2 cycles 1 is stable: 2."
     special = {row[0]: row[1] for row in tables["special_points"].rows}
     assert special["hopf"] == pytest.approx(0.0, abs=1e-12)
     assert special["fold"] == pytest.approx(-0.25, abs=1e-8)  # -a^2/4 with a = 1

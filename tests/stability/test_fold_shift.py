@@ -1,5 +1,7 @@
 """What harmonics leave out of a fold, against folds known exactly."""
 
+import pytest
+
 import hbbogie as hb
 from hbbogie import Coordinate, HarmonicBalance, Parameter, System
 from hbbogie.stability import fold_shift
@@ -34,6 +36,19 @@ def test_in_smooth_equations_of_first_order_the_shift_bounds_what_is_left():
     for H in (1, 2, 3):
         error, shift, left = shifted(bautin, fold.orbit, "mu", -0.25, H)
         assert abs(error) > 1e-6 and abs(left) < 0.6 * abs(shift)
+
+
+@pytest.mark.parametrize("rate", [-0.3, 0.3])
+def test_whether_a_stable_cycle_begins_at_a_fold(rate):
+    """A state that grows beside Bautin's oscillator has the multiplier exp(2 pi rate), whatever the oscillator does."""
+    x, y, z, mu = Coordinate("x"), Coordinate("y"), Coordinate("z"), Parameter("mu", -0.2)
+    r = x**2 + y**2
+    growth = mu + r - r**2
+    equations = [x.dot - growth * x + y, y.dot - growth * y - x, z.dot - rate * z]
+    found = hb.critical_speeds(System("beside", [x, y, z], [mu], equations), "mu", (-0.4, 0.3))
+    (fold,) = (c for c in found if c.kind == "fold")
+    assert fold.value == pytest.approx(-0.25, abs=1e-9)
+    assert ("the cycles next to it are all unstable" in fold.status) == (rate > 0)
 
 
 def test_where_angles_run_on_there_is_none():

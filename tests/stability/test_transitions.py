@@ -10,7 +10,7 @@ import hbbogie as hb
 from hbbogie.branches import stabilities_of
 from hbbogie.exponential import exponentials, exponentials_with_derivative
 from hbbogie.model import DeadBand
-from hbbogie.stability import floquet
+from hbbogie.stability import Waveforms, floquet
 
 
 def test_exponentials():
@@ -62,6 +62,23 @@ def test_the_determinant_of_a_stiff_system_is_not_lost():
     assert np.sort_complex(result.multipliers[:2]) == pytest.approx(np.sort_complex(exact), rel=1e-12)
     assert abs(result.multipliers[2]) < 1e-15
     assert float(result.reason.rsplit(" ", 1)[1][:-1]) < 1e-12  # of the logarithm of the determinant
+
+
+@pytest.mark.parametrize("beyond", [1e-3, 1e-7, 1e-9, 1e-12, -1e-12, -1e-3])
+def test_contacts_that_last_for_less_than_the_phase_grid_resolves(beyond):
+    """CLOSED FORM: cos(tau - 0.3) passes 1 - beyond arccos(1 - beyond) before and after 0.3, and half a period on."""
+    x, k, gap = hb.Coordinate("x"), hb.Parameter("k", 3.0), 1.0 - beyond
+    stop = hb.Element("stop", DeadBand(k, gap), x)
+    system = hb.System("stop", [x], [k], [x.ddot + x + stop], [stop])
+    c = np.array([[0.0], [np.cos(0.3)], [np.sin(0.3)]])
+    orbit = hb.Orbit(system.name, ("x",), ("",), c, 1.0, dict(system.values))
+    phases, of = Waveforms(system, [orbit], system.vector()[None]).switchings()
+    known = np.array([])
+    if beyond > 0:
+        half = np.arccos(gap)
+        known = np.sort(np.mod(np.add.outer([0.3, 0.3 + np.pi], [-half, half]).ravel(), 2 * np.pi))
+    assert len(of) == len(known)
+    assert phases == pytest.approx(known, abs=1e-15 / abs(beyond) ** 0.5 + 1e-13)
 
 
 @pytest.mark.parametrize("name", ["bogie", "van der Pol"])
