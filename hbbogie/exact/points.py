@@ -63,7 +63,8 @@ def correct(closing: Closing, y: Array, normal: Array) -> tuple[Point | None, fl
     matrix, right = np.empty((m + 1, m + 1)), np.zeros((m + 1, 2))
     right[m, 1] = 1.0
     for _ in range(ITERATIONS):
-        at = closing.linearise(y[None])
+        with np.errstate(over="ignore", invalid="ignore"):  # far away; the step is then no number
+            at = closing.linearise(y[None])
         matrix[:m], matrix[m] = at.J[0], normal
         right[:m, 0], right[m, 0] = -at.F[0], -(normal @ (y - start))
         try:

@@ -28,8 +28,11 @@ FLAT = 1e-10  # change of the scaled parameter over a step that is round-off
 SHORTEST = 1e-5  # step at which the walk gives up
 NEARER = 1e-3  # step below which a change of the sequence is passed without being located
 SHORT = 1e-4  # scaled duration of a contact below which its vanishing would be mistaken for a fold
-LARGEST = 1e3  # size of a motion, in units of that at which the branch began, at which the walk ends
+SMALLEST = 1e-6  # size of a motion, in units of that at which the branch began, at which it has shrunk to nothing
+LARGEST = 1e3  # at which the walk ends
 BEGAN = Ending("began", "the linear cycles of the Hopf point first touch a contact")
+STUCK = Ending("stuck", f"no further point was found with steps down to {SHORTEST:g}")
+SHRUNK = Ending("vanishes", "the motion shrinks to an equilibrium beyond the last point")
 UNORDERED = Ending("stuck", "no order of contacts agrees with the motion beyond the last point")
 LINEAR = Ending("contact", "the last contact is lost in a grazing; the motion beyond is linear")
 BESIDE = 1e-3  # share of a step by which a fold may lie outside
@@ -100,18 +103,18 @@ def follow(
             return Walk(points, Ending("limit", why, "raise limit to go on"))
         low, high = (v / here.closing.frame.parameter[0] for v in window)
         there, off = correct(here.closing, predicted(before, here, length), here.tangent)
-        if there is None or there.tangent @ here.tangent < 0.5:
+        if there is None or there.tangent @ here.tangent < 0.5 or _size(there) < SMALLEST:
             length /= 3
             if length < SHORTEST:
-                return Walk(points, Ending("stuck", f"no further point was found with steps down to {SHORTEST:g}"))
+                return Walk(points, SHRUNK if there and _size(there) < SMALLEST else STUCK)
             continue
         found = depths(there.closing, there.y[None], there.at)
         if not consistent(there.closing, there.y[None], there.at, found)[0]:
             changed = across(here, there, found) or (beyond(there, found) if length < NEARER else None)
-            if changed is None:
+            if changed is None or _size(changed) < SMALLEST:
                 length /= 3
                 if length < SHORTEST:
-                    return Walk(points, UNORDERED)
+                    return Walk(points, SHRUNK if changed else UNORDERED)
                 continue
             if changed.kind == "lost":
                 return Walk([*points, replace(changed, kind="grazing")], LINEAR)
@@ -148,6 +151,13 @@ def follow(
         turned = rotated(here)
         before, here = before if turned is here else None, turned
     return Walk(points, Ending("points", f"the largest number of points, {most}, was reached"))
+
+
+def _size(point: Point) -> float:
+    """Return by how much the state changes in a phase at the rate at its beginning, at most."""
+    sequence, at, n = point.closing.sequence, point.at, point.closing.n
+    rate = at.A[0, sequence.of, :n] @ at.nodes[0, :-1, :, None]
+    return float(np.abs(rate[..., 0] * point.y[n : n + sequence.S, None]).max())
 
 
 def _turns_twice(here: Point, there: Point) -> bool:

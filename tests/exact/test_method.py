@@ -170,6 +170,14 @@ class TestTwoContacts:
         balanced = hb.solve(hb.HarmonicBalance(41).equations(stopped), branch.orbits[0], L=0.008)
         assert hb.solve(exact, cycle, L=0.008).amplitude("x") == pytest.approx(balanced.amplitude("x"), rel=1e-4)
 
+    def test_the_motion_shrinks_with_the_friction(self, stopped):
+        """Away from the stop the motion and the limit of the friction have the same scale, and vanish together."""
+        cycle = hb.find_cycles(stopped, L=0.05, interval=(0.005, 0.4))[0]
+        branch = hb.trace(Exact().equations(stopped), cycle, "L", (-0.1, 0.4))
+        assert [end.kind for end in branch.ends] == ["vanishes", "interval"]
+        assert 0 < branch.values[0] < 1e-5
+        assert branch.amplitude("x")[:3] / branch.values[:3] == pytest.approx(branch.amplitude("x")[3] / branch.values[3], rel=1e-9)
+
     def test_a_limit_of_time(self, stopped):
         cycle = hb.find_cycles(stopped, L=0.05, interval=(0.005, 0.4))[0]
         branch = hb.trace(Exact().equations(stopped), cycle, "L", (0.005, 0.4), limit=1e-9)

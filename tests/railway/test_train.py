@@ -126,15 +126,11 @@ def test_shooting_on_a_long_train_takes_too_much_memory():
         hb.verify(system, wave)
 
 
-@pytest.mark.slow
-def test_several_bogies_hunt_at_once():
-    """Motions lead to stable cycles of both bogies of a vehicle, which CVODES confirms, and of all."""
+def test_both_bogies_of_a_vehicle_in_a_train_hunt():
+    """CVODES stays on the stable cycle, within the error of its frequency, of half as many harmonics."""
     system = TRAIN.train(2, V=65.0)
-    found = hb.find_cycles(system, limit=240.0)
-    moves = {moving_groups(system, cycle): cycle for cycle in found if cycle.verdict == "stable"}
-    pairs = [f"front bogie of vehicle {m} + rear bogie of vehicle {m}" for m in (1, 2)]
-    assert {*system.groups, *pairs, "rear bogie of vehicle 1 + front bogie of vehicle 2", "all"} <= {*moves}
-    for name in (pairs[0], "all"):
-        cycle = moves[name]
-        later = simulate(system, cycle, 100 * cycle.period, method="cvodes", step=cycle.period / 50)
-        assert later.period(periods=20) == pytest.approx(cycle.period, rel=1e-5)
+    cycle = cycle_after(system, {f"y{k}_1": 0.01 for k in (1, 2, 3, 4)})
+    assert cycle.verdict == "stable"
+    assert moving_groups(system, cycle) == "front bogie of vehicle 1 + rear bogie of vehicle 1"
+    later = simulate(system, cycle, 60 * cycle.period, method="cvodes", step=cycle.period / 50)
+    assert abs(2 * np.pi / later.period(periods=20) - cycle.omega) < cycle.errors["omega"] < 2e-4 * cycle.omega
