@@ -246,6 +246,8 @@ class _Search:
             self.notes.append(
                 "Folds were looked for on branches from Hopf points at which the equilibrium loses its stability only."
             )
+        if len(system.groups) > 1:
+            self.notes.append("Motions of single groups lead to more folds, also lower ones: see critical_speeds.")
         for curve in (*folds, *hopf):
             kind = {"fold": "folds", "hopf": "Hopf points"}[curve.kind]
             self.notes += [f"A curve of {kind} stops: {end}." for end in curve.ends if end.kind not in EXPECTED]
