@@ -19,7 +19,7 @@ from hbbogie.errors import ModelError
 from hbbogie.methods.size import has_many_states
 from hbbogie.model.system import System
 from hbbogie.model.turns import changed, turns_of
-from hbbogie.motion.integration import initial_state, states_after, states_in_steps
+from hbbogie.motion.integration import PART, initial_state, states_after, states_in_steps
 from hbbogie.results import Orbit, Trajectory
 from hbbogie.results.failure import ConvergenceError
 from hbbogie.results.periodic import FourierSeries
@@ -33,6 +33,7 @@ LONG = 40  # looks where many states, of bodies coupled weakly, take hundreds of
 PER_PERIOD = 40  # samples of a period of the linear motion
 TOLERANCE = 1e-7  # of the integration
 STEPPED = 30  # states beyond which steps of a fixed length take less time than those of CVODES
+MOST_STEPS = 16  # of a fixed length between the first samples; systems that need more are stiff
 SMALL = 1e-3  # range of a motion at rest, relative to the size of the states
 NEAR = 0.1  # distance from an equilibrium, likewise, beyond which a motion that hardly moves is not at rest
 RECURS = 0.01  # distance of a recurrence from closed, relative to the range
@@ -161,12 +162,13 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     many = has_many_states(system)
     least = AT_REST if many else 0.0  # what hardly moves, far from what does, need not come back
     orbit: Orbit | None = None
-    closest, rate = NEARLY if many else RECURS, _rate(system, x, p) if system.n_states > STEPPED else np.inf
+    closest, rate = NEARLY if many else RECURS, _rate(system, x, p, h) if system.n_states > STEPPED else np.inf
+    most = MOST_STEPS if many else np.inf  # of few states the looks are few
     for _ in range(LONG if many else CHUNKS):
         if time_is_over():
             break
         try:
-            later = states_in_steps(system, x, p, h, CHUNK, rate) if rate < np.inf else None
+            later = states_in_steps(system, x, p, h, CHUNK, rate, most) if rate < np.inf else None
             states = np.vstack([x, states_after(system, x, p, h, CHUNK, TOLERANCE) if later is None else later])
         except ConvergenceError:
             kind = _lost(system, x, p, h, size)
@@ -212,11 +214,14 @@ def recurrences(system: System, x: Array, h: float, size: Array, known: list[Arr
     yield Recurrence("undecided", orbit, elapsed, state=x)
 
 
-def _rate(system: System, x: Array, p: Array) -> float:
-    """Return the largest modulus of the eigenvalues at a state and at rest [1/s]; infinite where there are none."""
+def _rate(system: System, x: Array, p: Array, h: float) -> float:
+    """Return the largest modulus of the eigenvalues at a state and at rest [1/s].
+
+    Infinite where there are none, and where fixed steps would be many between samples at a distance of h [s].
+    """
     matrices = (system.ode_jacobian(at, p).sparse().tocsr() for at in (x, np.zeros(len(x))))
-    sizes = [radius(matrix) if np.isfinite(matrix.data).all() else np.inf for matrix in matrices]
-    return max(sizes)
+    rate = max(radius(matrix) if np.isfinite(matrix.data).all() else np.inf for matrix in matrices)
+    return rate if h * rate <= MOST_STEPS * PART else np.inf
 
 
 def _lost(system: System, x: Array, p: Array, h: float, size: Array) -> str:

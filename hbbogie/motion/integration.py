@@ -25,7 +25,7 @@ MOST_STEPS = 20_000_000  # samples in one trajectory: more would not fit the mem
 NEWTON_STEPS = 3  # Newton steps for the time of a jump inside a step, starting from linear interpolation
 BRIEF = 2000  # largest number of CVODES steps between two samples in `states_after`
 TOO_LARGE = 1e12  # no state of a physical model is larger
-PART, MOST_PARTS = 0.6, 16  # product of fixed steps and the fastest rate, and steps between two samples at most
+PART = 0.6  # product of fixed steps and the fastest rate
 
 
 @door(system=System)
@@ -201,19 +201,20 @@ def states_after(
         raise ConvergenceError(f"system {system.name!r}: CVODES gave up within {count * h:g} s ({reason}).") from error
 
 
-def states_in_steps(system: System, x: Array, p: Array, h: float, count: int, rate: float) -> Array | None:
+def states_in_steps(system: System, x: Array, p: Array, h: float, count: int, rate: float, most: float) -> Array | None:
     """Return what `states_after` does, by fixed Runge-Kutta steps, given about the fastest rate of the motion [1/s].
 
-    None where that would take many steps, or where the motion leaves every bound, be it by the method.
+    None where that would take more than ``most`` steps between two samples, or where the motion leaves every bound, be
+    it by the method.
     """
-    parts = max(1, int(np.ceil(h * rate / PART)))
-    if parts > MOST_PARTS:
+    parts, found = max(1, int(np.ceil(h * rate / PART))), list[Array]()
+    if parts > most:
         return None
-    found = []
-    for _ in range(parts):
-        found.append(_advance(system, "rk4", 0.0, count, x, p, h / parts, 0.0))
-        x = found[-1][-1]
-    states = np.concatenate(found)[parts - 1 :: parts]
+    for k in range(parts):
+        steps = _advance(system, "rk4", 0.0, count, x, p, h / parts, 0.0)
+        x = steps[-1]
+        found.append(steps[(-1 - k * count) % parts :: parts])
+    states = np.concatenate(found)
     return states if (np.abs(states) < TOO_LARGE).all() else None
 
 
