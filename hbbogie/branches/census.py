@@ -21,7 +21,7 @@ from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.find import find_equilibria
 from hbbogie.methods.condensation import frequency_scale
 from hbbogie.methods.scales import amplitude_scale
-from hbbogie.methods.size import has_many_states
+from hbbogie.methods.size import has_coupled_groups, has_many_states
 from hbbogie.model.ranges import widened
 from hbbogie.model.system import System
 from hbbogie.motion.energy import group_states, sets_looked_at, together
@@ -284,7 +284,7 @@ class Census:
         Of many states each group alone was displaced before.
         """
         states = group_states
-        if has_many_states(self.system) and len(self.system.groups) > 1:
+        if has_coupled_groups(self.system):
             states = together
             self.evidence.append(f"motions are begun {sets_looked_at(self.system)}")
         for where, x in states(self.system, self.found):

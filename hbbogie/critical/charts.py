@@ -181,10 +181,10 @@ class _Search:
             if kind == "onset"
         ]
         self.search = replace(self.search, onsets=tuple(onsets))
-        waiting: list[tuple[str, Fold, float]] = []
+        waiting: list[tuple[Fold, float]] = []
         each_branch = each(folds_of, self.search, branches, part(progress, HOPF, BRANCHES), "folds on branches")
         for (hopf, value), (folds, why) in zip(branches, each_branch, strict=True):
-            waiting += [(method, fold, value) for method, fold in folds]
+            waiting += [(fold, value) for fold in folds]
             if why:
                 self.notes.append(f"The branch from the Hopf point at {name} = {hopf.value:g}, {over} = {value:g}{why}")
         count, all_folds = processes_asked(), len(waiting)
@@ -193,7 +193,7 @@ class _Search:
                 f"curves of folds: {all_folds - len(waiting)} of {all_folds} folds",
                 1 - (1 - BRANCHES) * len(waiting) / all_folds,
             )
-            batch = list[tuple[str, Fold, float]]()
+            batch = list[tuple[Fold, float]]()
             while waiting and len(batch) < count:
                 if not self._known(waiting[0]):
                     batch.append(waiting[0])
@@ -202,19 +202,18 @@ class _Search:
             for one, found in zip(batch, each(curve_of, self.search, tasks), strict=True):
                 self._add(one, found)
 
-    def _known(self, one: tuple[str, Fold, float]) -> bool:
+    def _known(self, one: tuple[Fold, float]) -> bool:
         """Tell whether a fold lies on a curve found before."""
-        _, fold, value = one
-        return any(passes(other, fold, value) for other in self.folds)
+        return any(passes(other, *one) for other in self.folds)
 
-    def _add(self, one: tuple[str, Fold, float], found: tuple[Followed, str] | str) -> None:
+    def _add(self, one: tuple[Fold, float], found: tuple[Followed, str] | str) -> None:
         """Keep the curve through a fold, unless it is one that was found meanwhile, or a note why there is none."""
-        method, fold, value = one
+        fold, value = one
         if isinstance(found, str):
             where = f"{self.names[0]} = {fold.value:g}, {self.names[1]} = {value:g}"
             self.notes.append(f"The curve through the fold at {where}: {found}")
         elif not self._known(one):
-            self.folds.append(with_curve(self.search, method, fold, value, found[0]))
+            self.folds.append(with_curve(self.search, fold, value, found[0]))
             self.doubts.append(found[1])
 
     def _hopf_pieces(self, curve: HopfCurve, start: Point) -> list[Followed]:

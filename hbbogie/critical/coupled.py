@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from hbbogie.branches.census import Census
 from hbbogie.equilibria.census import Start
-from hbbogie.methods.size import has_many_states
 from hbbogie.model.system import System
 from hbbogie.motion.energy import sets_looked_at
 
 SHARE = 0.2  # of the way from the first Hopf point to the beginning of the interval, at which motions begin
-
-
-def has_coupled_groups(system: System) -> bool:
-    """Tell whether critical values are looked for by motions of groups: each branch has many folds and takes long."""
-    return has_many_states(system) and len(system.groups) > 1
 
 
 def census_below(

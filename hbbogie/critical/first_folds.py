@@ -65,8 +65,8 @@ class FoldSearch:
         """Return the equations of harmonic balance at a value of the second parameter."""
         return HarmonicBalance(self.harmonics).equations(self.system.with_parameters(**{self.names[1]: value}))
 
-    def on_branch(self, hopf: SpecialPoint, value: float) -> tuple[list[tuple[str, Fold]], str]:
-        """Return the folds of a branch, each with its method, and why there may be more; nothing where all are found.
+    def on_branch(self, hopf: SpecialPoint, value: float) -> tuple[list[Fold], str]:
+        """Return the folds of a branch, and why there may be more; nothing where all are found.
 
         Parameters
         ----------
@@ -74,14 +74,14 @@ class FoldSearch:
             Where the branch begins.
         value : float, unit of the second parameter
         """
-        found, why = list[tuple[str, Fold]](), ""
+        found, why = list[Fold](), ""
         for method in self.methods:
             try:
                 folds, why = (self._exact if method == "exact" else self._harmonic)(hopf, value)
             except FAILURES as error:
                 why = f": {error}"
                 continue
-            found += [(method, fold) for fold in folds]
+            found += folds
             if not why:
                 break
         return found, why
@@ -100,7 +100,7 @@ class FoldSearch:
         why = f" was cut off after {POINTS} points: folds farther along it are not found." if cut else ""
         return branch.folds(), why
 
-    def begin(self, method: str, fold: Fold, value: float) -> tuple[FoldCurve | ExactFoldCurve, Point]:
+    def begin(self, fold: Fold, value: float) -> tuple[FoldCurve | ExactFoldCurve, Point]:
         """Return the curve through a fold, and its first point; raise `ConvergenceError` where it is not found."""
         if isinstance(fold, ExactPoint):
             curve = ExactFoldCurve(self.names, self.span, self.interval, fold)
@@ -113,7 +113,7 @@ class FoldSearch:
         harmonic = FoldCurve(led, self.names, self.span, self.interval, p)
         return harmonic, harmonic.first(fold.orbit)
 
-    def curve(self, method: str, fold: Fold, value: float) -> tuple[Followed, str]:
+    def curve(self, fold: Fold, value: float) -> tuple[Followed, str]:
         """Return the curve through a fold, followed both ways, and a sentence about folds of it that are not resolved.
 
         Raises
@@ -121,7 +121,7 @@ class FoldSearch:
         ConvergenceError
             Where it cannot be begun.
         """
-        curve, first = self.begin(method, fold, value)
+        curve, first = self.begin(fold, value)
         found = both_ways(first, lambda start: self._pieces(curve, start))
         return found, unresolved(found, self.names[1])
 
@@ -148,27 +148,27 @@ def folds_of(search: FoldSearch, hopf: SpecialPoint, value: float, progress: Pro
 
 
 def curve_of(
-    search: FoldSearch, method: str, fold: Fold, value: float, apart: bool, progress: Progress
+    search: FoldSearch, fold: Fold, value: float, apart: bool, progress: Progress
 ) -> tuple[Followed, str] | str:
     """Return what `FoldSearch.curve` does, or why there is none; ``apart`` without the curve of harmonic balance.
 
     Its equations take longer to send than to build: `with_curve` adds it.
     """
     try:
-        found, said = search.curve(method, fold, value)
+        found, said = search.curve(fold, value)
     except FAILURES as error:
         return str(error)
-    if apart and method == "mhb":
+    if apart and not isinstance(fold, ExactPoint):
         marks = [(kind, point, state, None) for kind, point, state, _ in found.marks]
         found = replace(found, curves=[None] * len(found.curves), marks=marks)
     return found, said
 
 
-def with_curve(search: FoldSearch, method: str, fold: Fold, value: float, found: Followed) -> Followed:
+def with_curve(search: FoldSearch, fold: Fold, value: float, found: Followed) -> Followed:
     """Return a curve that came from another process without its equations, with them."""
     if found.curves[0] is not None:
         return found
-    curve, _ = search.begin(method, fold, value)
+    curve, _ = search.begin(fold, value)
     marks = [(kind, point, state, curve) for kind, point, state, _ in found.marks]
     return replace(found, curves=[curve] * len(found.curves), marks=marks)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hbbogie.branches.choice import chosen_methods, is_switched_linear
-from hbbogie.critical.coupled import has_coupled_groups
 from hbbogie.critical.hopf_gradients import hopf_gradient
 from hbbogie.critical.search import Search
 from hbbogie.deadline import time_is_over, time_limit
@@ -13,6 +12,7 @@ from hbbogie.equilibria.census import Start
 from hbbogie.equilibria.hopf import hopf_points
 from hbbogie.errors import ModelError, door
 from hbbogie.methods.harmonic import HarmonicBalance
+from hbbogie.methods.size import has_coupled_groups
 from hbbogie.model.ranges import check_interval, widened
 from hbbogie.model.system import System
 from hbbogie.motion.energy import moving_groups

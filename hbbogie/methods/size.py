@@ -24,6 +24,11 @@ def has_many_states(system: System) -> bool:
     return system.n_states > MANY_STATES
 
 
+def has_coupled_groups(system: System) -> bool:
+    """Tell whether motions of groups of bodies lead to cycles sooner than branches, which are many and take long."""
+    return has_many_states(system) and len(system.groups) > 1
+
+
 def check_size(harmonics: int, samples: int, coordinates: int, system: System, odd: bool) -> None:
     """Raise `ModelError` where the equations of so many harmonics would take too much memory.
 
